@@ -1,0 +1,328 @@
+//! Plain old data, `repr(C)`, no pointers: what lies in shared memory.
+
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Most joints a message carries.
+pub const JOINT_CAPACITY: usize = 8;
+/// Most task frames a message carries.
+pub const FRAME_CAPACITY: usize = 8;
+/// Most obstacles a message carries.
+pub const OBSTACLE_CAPACITY: usize = 32;
+/// Longest name of a frame, in bytes of UTF-8; shorter names are padded with zeros.
+pub const NAME_CAPACITY: usize = 24;
+
+/// The state of the robot, from a state publisher to the controller.
+#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
+#[type_name("RobotStateV1")]
+#[repr(C)]
+pub struct RobotState {
+    /// Counts up by at least one from message to message.
+    pub sequence: u64,
+    /// When the state was measured \[ns\].
+    pub time_ns: u64,
+    /// Number of joints in use, the first ones of each array.
+    pub joint_count: u32,
+    /// What the gripper senses: a [`GripperState`].
+    pub gripper_state: u32,
+    /// Joint positions \[rad or m\].
+    pub position: [f64; JOINT_CAPACITY],
+    /// Joint velocities \[rad/s or m/s\].
+    pub velocity: [f64; JOINT_CAPACITY],
+    /// Measured joint torques or forces, without gravity \[N m or N\]; zero where not measured.
+    pub torque: [f64; JOINT_CAPACITY],
+}
+
+/// The task parameters: frames and obstacles, from a state publisher to the controller.
+#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
+#[type_name("TaskFramesV1")]
+#[repr(C)]
+pub struct TaskFrames {
+    /// Counts up by at least one from message to message.
+    pub sequence: u64,
+    /// When the frames were measured \[ns\], on the clock of [`RobotState::time_ns`].
+    pub time_ns: u64,
+    /// Number of frames in use, the first ones of the array.
+    pub frame_count: u32,
+    /// Number of obstacles in use, the first ones of the array.
+    pub obstacle_count: u32,
+    /// Named frames.
+    pub frames: [Frame; FRAME_CAPACITY],
+    /// Obstacles.
+    pub obstacles: [Obstacle; OBSTACLE_CAPACITY],
+}
+
+/// A named task frame in the robot's base frame `B`.
+#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
+#[type_name("FrameV1")]
+#[repr(C)]
+pub struct Frame {
+    /// UTF-8, padded with zeros.
+    pub name: [u8; NAME_CAPACITY],
+    /// 1 when the pose may be used, 0 when it is unknown.
+    pub valid: u32,
+    /// Explicit padding, zero.
+    pub padding: u32,
+    /// Origin \[m\].
+    pub position: [f64; 3],
+    /// Orientation, unit quaternion `w, x, y, z`.
+    pub quaternion: [f64; 4],
+    /// Velocity of the origin \[m/s\].
+    pub linear_velocity: [f64; 3],
+    /// Angular velocity, expressed in `B` \[rad/s\].
+    pub angular_velocity: [f64; 3],
+}
+
+/// A moving obstacle in the robot's base frame `B`.
+#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
+#[type_name("ObstacleV1")]
+#[repr(C)]
+pub struct Obstacle {
+    /// What `size` means: an [`ObstacleKind`].
+    pub kind: u32,
+    /// 1 when the obstacle may be used, 0 when it is unknown.
+    pub valid: u32,
+    /// Centre of a sphere, a point on the surface of a half-space \[m\].
+    pub position: [f64; 3],
+    /// Orientation, unit quaternion `w, x, y, z`; a half-space's outward normal is its z axis.
+    pub quaternion: [f64; 4],
+    /// Velocity of `position` \[m/s\].
+    pub linear_velocity: [f64; 3],
+    /// Sphere: radius, unused, unused. Half-space: unused \[m\].
+    pub size: [f64; 3],
+}
+
+/// What the controller wants the robot to do, from the controller to the robot.
+///
+/// A torque interface applies `torque + gravity_torque` (an arm that adds gravity itself only
+/// `torque`); a velocity or position interface uses `velocity` or `position`. After `expiry_ns`
+/// the command must no longer be obeyed: the robot brakes.
+#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
+#[type_name("JointCommandV1")]
+#[repr(C)]
+pub struct JointCommand {
+    /// Counts up by one from message to message.
+    pub sequence: u64,
+    /// [`RobotState::sequence`] of the state this command answers.
+    pub state_sequence: u64,
+    /// When the command was computed \[ns\]; in lockstep, the state's time.
+    pub time_ns: u64,
+    /// When the command expires \[ns\].
+    pub expiry_ns: u64,
+    /// A [`CommandMode`].
+    pub mode: u32,
+    /// A [`GripperCommand`].
+    pub gripper_command: u32,
+    /// Number of joints in use, the first ones of each array.
+    pub joint_count: u32,
+    /// A [`Reason`]: why the controller is not following its policy, 0 when it is.
+    pub reason: u32,
+    /// Desired positions, integrated \[rad or m\].
+    pub position: [f64; JOINT_CAPACITY],
+    /// Desired velocities, integrated \[rad/s or m/s\].
+    pub velocity: [f64; JOINT_CAPACITY],
+    /// Desired accelerations \[rad/s² or m/s²\].
+    pub acceleration: [f64; JOINT_CAPACITY],
+    /// Joint torques or forces without gravity \[N m or N\].
+    pub torque: [f64; JOINT_CAPACITY],
+    /// Joint torques or forces that hold the arm against gravity \[N m or N\].
+    pub gravity_torque: [f64; JOINT_CAPACITY],
+}
+
+/// How the controller is doing, once a tick.
+#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
+#[type_name("ControllerStatusV1")]
+#[repr(C)]
+pub struct ControllerStatus {
+    /// Counts up by one from message to message.
+    pub sequence: u64,
+    /// When the tick ended \[ns\].
+    pub time_ns: u64,
+    /// A [`LifeCycle`].
+    pub life_cycle: u32,
+    /// A [`Reason`].
+    pub reason: u32,
+    /// Ticks so far.
+    pub ticks: u64,
+    /// Ticks that ended after their deadline, so far.
+    pub deadline_misses: u64,
+    /// Heap allocations inside the loop, so far.
+    pub allocations: u64,
+    /// How late the last tick woke up \[ns\].
+    pub wake_up_ns: u64,
+    /// Age of the state the last tick used \[ns\].
+    pub state_age_ns: u64,
+    /// Time from wake-up to the command's publication in the last tick \[ns\].
+    pub compute_ns: u64,
+    /// Distance of the tool from the goal \[m\].
+    pub goal_distance_m: f64,
+    /// Angle of the tool from the goal \[rad\].
+    pub goal_angle_rad: f64,
+    /// Lyapunov value Φ + ½ ẏᵀMẏ of the skill in canonical coordinates \[J\].
+    pub energy_j: f64,
+}
+
+macro_rules! wire_enum {
+    ($(#[$meta:meta])* $name:ident { $($(#[$vmeta:meta])* $variant:ident = $value:literal),+ $(,)? }) => {
+        $(#[$meta])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+        #[repr(u32)]
+        pub enum $name { $($(#[$vmeta])* $variant = $value),+ }
+        impl $name {
+            /// Every variant, in order of its number.
+            pub const ALL: &[Self] = &[$(Self::$variant),+];
+            /// The variant of this number, `None` when there is none.
+            #[must_use]
+            pub const fn from_wire(value: u32) -> Option<Self> {
+                match value { $($value => Some(Self::$variant),)+ _ => None }
+            }
+            /// The number on the wire.
+            #[must_use]
+            pub const fn to_wire(self) -> u32 { self as u32 }
+        }
+    };
+}
+
+wire_enum! {
+    /// What the gripper senses.
+    GripperState {
+        /// No gripper, or nothing sensed.
+        #[default]
+        None = 0,
+        /// The gripper is open or its vacuum is off.
+        Open = 1,
+        /// The gripper holds an object.
+        Holding = 2,
+    }
+}
+
+wire_enum! {
+    /// What the gripper should do.
+    GripperCommand {
+        /// Open, vacuum off.
+        #[default]
+        Release = 0,
+        /// Close, vacuum on.
+        Grip = 1,
+    }
+}
+
+wire_enum! {
+    /// What kind of command this is.
+    CommandMode {
+        /// No motion: brake. Sent as a last command.
+        #[default]
+        Stop = 0,
+        /// Follow the policy.
+        Track = 1,
+        /// Decelerate and hold, for the reason given.
+        Hold = 2,
+    }
+}
+
+wire_enum! {
+    /// The controller's life cycle.
+    LifeCycle {
+        /// Waiting for a first valid state and valid frames.
+        #[default]
+        Waiting = 0,
+        /// Following the skill.
+        Running = 1,
+        /// The object is held: lifting it.
+        Lifting = 2,
+        /// The task is done: holding still.
+        Done = 3,
+        /// Decelerating or holding because of [`ControllerStatus::reason`].
+        Holding = 4,
+        /// Ramping down to leave.
+        Stopping = 5,
+    }
+}
+
+wire_enum! {
+    /// Why the controller is not following its policy. Each has one safe action: decelerate to
+    /// rest in bounded time and hold, then ramp in again once the cause has gone.
+    Reason {
+        /// It is following it.
+        #[default]
+        None = 0,
+        /// The newest state is older than its limit.
+        StateStale = 1,
+        /// The state's sequence number went back: the publisher was restarted.
+        SequenceWentBack = 2,
+        /// A number in the state is not finite.
+        StateNotFinite = 3,
+        /// The state has another number of joints than the robot's description.
+        JointCount = 4,
+        /// A frame the skill needs is missing or marked invalid.
+        FrameMissing = 5,
+        /// A number in a frame or an obstacle is not finite.
+        FrameNotFinite = 6,
+        /// A quaternion is not of unit length.
+        QuaternionNotUnit = 7,
+        /// An obstacle is of a kind this controller does not know.
+        ObstacleUnknown = 8,
+        /// The newest frames are older than their limit.
+        FramesStale = 9,
+        /// The tree could not be resolved: its metric is not positive definite.
+        ResolveFailed = 10,
+        /// The policy's command was not finite.
+        CommandNotFinite = 11,
+        /// A signal asked for a stop.
+        StopRequested = 12,
+        /// The measured joint positions are outside the robot's limits.
+        JointLimit = 13,
+        /// Too many deadlines were missed in a row.
+        Overrun = 14,
+    }
+}
+
+wire_enum! {
+    /// Shape of an obstacle.
+    ObstacleKind {
+        /// A ball: `position` is its centre, `size[0]` its radius \[m\].
+        #[default]
+        Sphere = 0,
+        /// Everything below the plane through `position` whose normal is the z axis.
+        HalfSpace = 1,
+    }
+}
+
+/// A name in the wire's form, `None` when it is empty or longer than [`NAME_CAPACITY`].
+#[must_use]
+pub fn name_bytes(name: &str) -> Option<[u8; NAME_CAPACITY]> {
+    let mut bytes = [0; NAME_CAPACITY];
+    bytes.get_mut(..name.len())?.copy_from_slice(name.as_bytes());
+    (!name.is_empty()).then_some(bytes)
+}
+
+/// A name from the wire's form, `None` when it is not UTF-8.
+#[must_use]
+pub fn name_str(bytes: &[u8; NAME_CAPACITY]) -> Option<&str> {
+    let end = bytes.iter().position(|b| *b == 0).unwrap_or(NAME_CAPACITY);
+    core::str::from_utf8(&bytes[..end]).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_survives_the_wire_and_a_bad_one_is_refused() {
+        assert_eq!(name_str(&name_bytes("object").unwrap()), Some("object"));
+        let longest = "a".repeat(NAME_CAPACITY);
+        assert_eq!(name_str(&name_bytes(&longest).unwrap()), Some(longest.as_str()));
+        assert_eq!(name_bytes(&"a".repeat(NAME_CAPACITY + 1)), None);
+        assert_eq!(name_bytes(""), None);
+        assert_eq!(name_str(&[0xff; NAME_CAPACITY]), None);
+    }
+
+    #[test]
+    fn every_enum_survives_the_wire() {
+        for reason in Reason::ALL {
+            assert_eq!(Reason::from_wire(reason.to_wire()), Some(*reason));
+        }
+        assert_eq!(Reason::from_wire(Reason::ALL.len() as u32), None);
+        assert_eq!(ObstacleKind::from_wire(1), Some(ObstacleKind::HalfSpace));
+        assert_eq!(ObstacleKind::from_wire(2), None);
+    }
+}

@@ -1,0 +1,397 @@
+//! Opening the services of an instance, with errors a user can act on.
+
+use core::fmt::Debug;
+use std::fs;
+use std::path::PathBuf;
+
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use thiserror::Error;
+
+use crate::messages::{ControllerStatus, JointCommand, RobotState, TaskFrames};
+
+/// A sample received from shared memory, without a copy.
+pub type Sample<M> = iceoryx2::sample::Sample<ipc::Service, M, ()>;
+
+/// Least free shared memory needed to open an instance \[bytes\]: a full one ends in SIGBUS.
+pub const SHARED_MEMORY_MIN_BYTES: u64 = 4 << 20;
+
+/// Why the services of an instance could not be opened.
+#[derive(Debug, Error)]
+pub enum ServiceError {
+    /// The name of the instance cannot be part of a service's name.
+    #[error(
+        "instance name `{0}`: expected 1 to 32 of the characters a-z, A-Z, 0-9, `-` and `_`"
+    )]
+    InstanceName(String),
+    /// There is not enough free shared memory.
+    #[error(
+        "/dev/shm has {free} bytes free, at least {SHARED_MEMORY_MIN_BYTES} are needed: \
+         remove what fills it, or mount it larger"
+    )]
+    SharedMemoryFull {
+        /// What is free \[bytes\].
+        free: u64,
+    },
+    /// The node could not be created.
+    #[error(
+        "no shared-memory node could be created ({0}): check that {1} and /dev/shm are writable \
+         by this user"
+    )]
+    Node(String, String),
+    /// A second publisher of the same service.
+    #[error("service `{0}` already has a publisher: another one is running on this instance")]
+    SecondPublisher(String),
+    /// The other side was built with another layout of the message.
+    #[error(
+        "service `{service}` exists with another message type or size than this program's \
+         {message} of {size} bytes: both sides must be of the same version"
+    )]
+    Incompatible {
+        /// Name of the service.
+        service: String,
+        /// Name of the message's type on this side.
+        message: &'static str,
+        /// Its size on this side \[bytes\].
+        size: usize,
+    },
+    /// Anything else iceoryx2 reports.
+    #[error("service `{0}` could not be opened: {1}")]
+    Open(String, String),
+}
+
+/// One running system: a robot, its publisher and its controller share an instance name.
+#[derive(Debug, Clone)]
+pub struct Instance {
+    name: String,
+    config: Config,
+}
+
+impl Instance {
+    /// The instance of this name.
+    ///
+    /// Its files are `/dev/shm/tprmp_<name>_*` and the folder `/tmp/tprmp-<user id>/<name>/`,
+    /// readable and writable by this user only.
+    ///
+    /// # Errors
+    /// When the name cannot be part of a service's name.
+    pub fn new(name: &str) -> Result<Self, ServiceError> {
+        let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        let bad_name = || ServiceError::InstanceName(name.into());
+        if name.is_empty() || name.len() > 32 || !name.chars().all(allowed) {
+            return Err(bad_name());
+        }
+        let user = rustix::process::getuid().as_raw();
+        let root = format!("/tmp/tprmp-{user}/{name}/");
+        let mut config = Config::default();
+        config.global.prefix =
+            FileName::new(format!("tprmp_{name}_").as_bytes()).map_err(|_| bad_name())?;
+        config.global.set_root_path(&Path::new(root.as_bytes()).map_err(|_| bad_name())?);
+        Ok(Self { name: name.into(), config })
+    }
+
+    /// Takes away what iceoryx2 leaves of an instance without nodes: a counter of 16 bytes in
+    /// shared memory and empty folders. A folder that is in use is not empty, and stays.
+    fn remove_leftovers(&self) {
+        let root = PathBuf::from(self.config.global.root_path().to_string());
+        let nodes = root.join("nodes");
+        if fs::read_dir(&nodes).is_ok_and(|mut entries| entries.next().is_some()) {
+            return;
+        }
+        let prefix = self.config.global.prefix.to_string();
+        for entry in fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if name.starts_with(&prefix) && name.ends_with(".global_mgmt") {
+                // Another process may have been faster: then it is gone already.
+                let _ = fs::remove_file(entry.path());
+            }
+        }
+        for folder in [nodes, root.join("services"), root] {
+            let _ = fs::remove_dir(folder);
+        }
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn node(&self) -> Result<Node<ipc::Service>, ServiceError> {
+        let free = free_shared_memory_bytes();
+        if free < SHARED_MEMORY_MIN_BYTES {
+            return Err(ServiceError::SharedMemoryFull { free });
+        }
+        set_log_level(LogLevel::Error);
+        NodeBuilder::new()
+            .config(&self.config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(|e| {
+                ServiceError::Node(format!("{e:?}"), self.config.global.root_path().to_string())
+            })
+    }
+
+    fn service<M: Debug + ZeroCopySend + 'static>(
+        &self,
+        node: &Node<ipc::Service>,
+        topic: &str,
+    ) -> Result<(String, PortFactory<ipc::Service, M, ()>), ServiceError> {
+        let name = format!("{}/{topic}/v1", self.name);
+        let open_error = |e: String| ServiceError::Open(name.clone(), e);
+        let service_name: ServiceName =
+            name.as_str().try_into().map_err(|e| open_error(format!("{e:?}")))?;
+        let service = node
+            .service_builder(&service_name)
+            .publish_subscribe::<M>()
+            .max_publishers(1)
+            .max_subscribers(8)
+            .max_nodes(16)
+            .history_size(1)
+            .subscriber_max_buffer_size(1)
+            .enable_safe_overflow(true)
+            .open_or_create()
+            .map_err(|e| {
+                let text = format!("{e:?}");
+                if text.contains("IncompatibleTypes") {
+                    let message = core::any::type_name::<M>().rsplit("::").next().unwrap_or("?");
+                    ServiceError::Incompatible {
+                        service: name.clone(),
+                        message,
+                        size: size_of::<M>(),
+                    }
+                } else {
+                    open_error(text)
+                }
+            })?;
+        Ok((name, service))
+    }
+
+    fn publisher<M: Debug + ZeroCopySend + 'static>(
+        &self,
+        node: &Node<ipc::Service>,
+        topic: &str,
+    ) -> Result<Publisher<M>, ServiceError> {
+        let (name, service) = self.service::<M>(node, topic)?;
+        service.publisher_builder().create().map(Publisher).map_err(|e| {
+            let text = format!("{e:?}");
+            if text.contains("ExceedsMaxSupportedPublishers") {
+                ServiceError::SecondPublisher(name)
+            } else {
+                ServiceError::Open(name, text)
+            }
+        })
+    }
+
+    fn subscriber<M: Debug + ZeroCopySend + 'static>(
+        &self,
+        node: &Node<ipc::Service>,
+        topic: &str,
+    ) -> Result<Subscriber<M>, ServiceError> {
+        let (name, service) = self.service::<M>(node, topic)?;
+        service
+            .subscriber_builder()
+            .create()
+            .map(Subscriber)
+            .map_err(|e| ServiceError::Open(name, format!("{e:?}")))
+    }
+
+    /// Opens the controller's side.
+    ///
+    /// # Errors
+    /// See [`ServiceError`]; a second controller of the same instance is one.
+    pub fn open_controller(&self) -> Result<ControllerPorts, ServiceError> {
+        let node = self.node()?;
+        Ok(ControllerPorts {
+            command: self.publisher(&node, "joint_command")?,
+            status: self.publisher(&node, "controller_status")?,
+            state: self.subscriber(&node, "robot_state")?,
+            frames: self.subscriber(&node, "task_frames")?,
+            _node: NodeGuard { _node: node, _leftovers: Leftovers(self.clone()) },
+        })
+    }
+
+    /// Opens the side of a state publisher: a simulator, or the driver of a real robot.
+    ///
+    /// # Errors
+    /// See [`ServiceError`]; a second state publisher of the same instance is one.
+    pub fn open_state_publisher(&self) -> Result<StatePublisherPorts, ServiceError> {
+        let node = self.node()?;
+        Ok(StatePublisherPorts {
+            state: self.publisher(&node, "robot_state")?,
+            frames: self.publisher(&node, "task_frames")?,
+            command: self.subscriber(&node, "joint_command")?,
+            status: self.subscriber(&node, "controller_status")?,
+            _node: NodeGuard { _node: node, _leftovers: Leftovers(self.clone()) },
+        })
+    }
+}
+
+/// Free shared memory \[bytes\], the most there can be when it cannot be told.
+#[must_use]
+pub fn free_shared_memory_bytes() -> u64 {
+    rustix::fs::statvfs("/dev/shm").map_or(u64::MAX, |s| s.f_bavail.saturating_mul(s.f_frsize))
+}
+
+/// Sends messages of type `M`.
+#[derive(Debug)]
+pub struct Publisher<M: Debug + ZeroCopySend + 'static>(
+    iceoryx2::port::publisher::Publisher<ipc::Service, M, ()>,
+);
+
+impl<M: Debug + ZeroCopySend + Copy + 'static> Publisher<M> {
+    /// Writes one message into shared memory and hands it to every subscriber; `false` when
+    /// iceoryx2 refused. No allocation and no system call once connections stand.
+    #[must_use]
+    pub fn publish(&self, message: M) -> bool {
+        match self.0.loan_uninit() {
+            Ok(sample) => sample.write_payload(message).send().is_ok(),
+            Err(_) => false,
+        }
+    }
+
+    /// Connects to subscribers that appeared: costs allocations, so it is called in the slack of
+    /// a cycle. `false` when a connection failed.
+    #[must_use]
+    pub fn update_connections(&self) -> bool {
+        self.0.update_connections().is_ok()
+    }
+}
+
+/// Receives the newest message of type `M`.
+#[derive(Debug)]
+pub struct Subscriber<M: Debug + ZeroCopySend + 'static>(
+    iceoryx2::port::subscriber::Subscriber<ipc::Service, M, ()>,
+);
+
+impl<M: Debug + ZeroCopySend + 'static> Subscriber<M> {
+    /// The newest message if there is one that was not received yet, as a view into shared
+    /// memory. An error of the connection counts as no message: liveness is judged by the age of
+    /// the last one.
+    #[must_use]
+    pub fn receive(&self) -> Option<Sample<M>> {
+        self.0.receive().ok().flatten()
+    }
+
+    /// Connects to a publisher that appeared: costs allocations, so it is called in the slack of
+    /// a cycle. `false` when a connection failed.
+    #[must_use]
+    pub fn update_connections(&self) -> bool {
+        self.0.has_samples().is_ok()
+    }
+}
+
+/// Fields are dropped in this order: first the node goes, then what it left behind.
+#[derive(Debug)]
+struct NodeGuard {
+    _node: Node<ipc::Service>,
+    _leftovers: Leftovers,
+}
+
+#[derive(Debug)]
+struct Leftovers(Instance);
+
+impl Drop for Leftovers {
+    fn drop(&mut self) {
+        self.0.remove_leftovers();
+    }
+}
+
+/// The controller's ports. Dropped, they leave no files behind.
+#[derive(Debug)]
+pub struct ControllerPorts {
+    /// Newest robot state.
+    pub state: Subscriber<RobotState>,
+    /// Newest task frames and obstacles.
+    pub frames: Subscriber<TaskFrames>,
+    /// Joint commands.
+    pub command: Publisher<JointCommand>,
+    /// Status of the controller.
+    pub status: Publisher<ControllerStatus>,
+    _node: NodeGuard,
+}
+
+/// The ports of a state publisher. Dropped, they leave no files behind.
+#[derive(Debug)]
+pub struct StatePublisherPorts {
+    /// Robot state.
+    pub state: Publisher<RobotState>,
+    /// Task frames and obstacles.
+    pub frames: Publisher<TaskFrames>,
+    /// Newest joint command.
+    pub command: Subscriber<JointCommand>,
+    /// Newest status of the controller.
+    pub status: Subscriber<ControllerStatus>,
+    _node: NodeGuard,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn instance(test: &str) -> Instance {
+        Instance::new(&format!("{test}-{}", std::process::id())).unwrap()
+    }
+
+    #[test]
+    fn messages_travel_both_ways_and_only_the_newest_is_kept() {
+        let instance = instance("travel");
+        let robot = instance.open_state_publisher().unwrap();
+        let controller = instance.open_controller().unwrap();
+        for sequence in 1..=3 {
+            assert!(robot.state.publish(RobotState { sequence, ..Default::default() }));
+        }
+        assert_eq!(controller.state.receive().unwrap().sequence, 3);
+        assert!(controller.state.receive().is_none());
+        assert!(controller.command.publish(JointCommand { sequence: 7, ..Default::default() }));
+        assert_eq!(robot.command.receive().unwrap().sequence, 7);
+    }
+
+    #[test]
+    fn a_late_controller_gets_the_last_state() {
+        let instance = instance("late");
+        let robot = instance.open_state_publisher().unwrap();
+        assert!(robot.state.publish(RobotState { sequence: 5, ..Default::default() }));
+        let controller = instance.open_controller().unwrap();
+        assert!(robot.state.update_connections());
+        assert_eq!(controller.state.receive().unwrap().sequence, 5);
+    }
+
+    #[test]
+    fn a_second_controller_or_publisher_is_refused_with_a_reason() {
+        let instance = instance("second");
+        let _robot = instance.open_state_publisher().unwrap();
+        let error = instance.open_state_publisher().unwrap_err();
+        assert!(matches!(error, ServiceError::SecondPublisher(_)), "{error}");
+        let _controller = instance.open_controller().unwrap();
+        assert!(instance.open_controller().unwrap_err().to_string().contains("already has"));
+    }
+
+    #[test]
+    fn names_that_could_leave_the_folder_are_refused() {
+        for bad in ["", "a/b", "..", "a b", &"x".repeat(33)] {
+            assert!(matches!(Instance::new(bad), Err(ServiceError::InstanceName(_))), "{bad}");
+        }
+    }
+
+    #[test]
+    fn closed_ports_leave_no_files() {
+        let instance = instance("clean");
+        let prefix = format!("tprmp_{}_", instance.name());
+        let files = |dir: &str| {
+            std::fs::read_dir(dir).map_or(0, |entries| {
+                entries
+                    .flatten()
+                    .filter(|e| e.file_name().to_string_lossy().starts_with(&prefix))
+                    .count()
+            })
+        };
+        {
+            let _robot = instance.open_state_publisher().unwrap();
+            assert!(files("/dev/shm") > 0);
+        }
+        assert_eq!(files("/dev/shm"), 0);
+        assert!(!std::path::Path::new(&instance.config.global.root_path().to_string()).exists());
+    }
+}

@@ -1,0 +1,1 @@
+//! Frozen model files and RON configuration, parsed into valid types.

@@ -1,0 +1,1 @@
+//! Serial chains from URDF: kinematics and dynamics of fixed size.
