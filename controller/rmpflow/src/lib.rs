@@ -1,1 +1,6 @@
-//! Riemannian motion policies: fields, task maps, leaves and the tree, evaluated without allocation.
+//! Riemannian motion policies: learned fields, task maps, leaves and the tree, evaluated without
+//! allocation.
+
+pub mod field;
+pub mod frame_map;
+pub mod jet;
