@@ -217,6 +217,31 @@ fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
+/// An orientation in the chart q = q_g exp(r) of a goal at rest.
+#[derive(Debug, Clone, Copy)]
+pub struct Chart {
+    /// r \[rad\].
+    pub rotation: DVec3,
+    /// ṙ \[rad/s\].
+    pub velocity: DVec3,
+    /// ∂r/∂(angular displacement): ṙ = J ω.
+    pub jacobian: DMat3,
+    /// The angular acceleration for r̈ = 0 \[rad/s²\]: r̈ = J (ω̇ − b).
+    pub bias: DVec3,
+}
+
+/// Charts an orientation that turns with `angular` \[rad/s\] by the rotation vector from the
+/// goal, |r| < π.
+#[must_use]
+pub fn orientation_chart(goal: DQuat, orientation: DQuat, angular: DVec3) -> Chart {
+    let rotation = rotation_vector(goal.conjugate() * orientation);
+    let jacobian = inverse_left_jacobian(rotation) * DMat3::from_quat(goal.conjugate());
+    let velocity = jacobian * angular;
+    let path = Quat::exp(Vec3::moving(rotation, velocity, DVec3::ZERO));
+    let bias = Quat::<Jet>::constant(goal).times(path).angular_motion().1;
+    Chart { rotation, velocity, jacobian, bias }
+}
+
 impl FrameMap {
     /// The map of these canonical frames.
     ///

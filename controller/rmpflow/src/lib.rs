@@ -4,3 +4,6 @@
 pub mod field;
 pub mod frame_map;
 pub mod jet;
+pub mod leaves;
+pub mod natural;
+pub mod skill;

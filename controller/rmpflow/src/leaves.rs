@@ -1,0 +1,312 @@
+//! Hand-made leaves: collision avoidance, a pose attractor, joint damping.
+//!
+//! All are geometric dynamical systems [Cheng et al. 2019, RMPflow, section V]: M = G + Ξ,
+//! Ξ = ½ Σ ẋ_i ∂G/∂ẋ_i, f = −∇Φ − Bẋ − ξ_G, so that the stability of the whole tree holds.
+
+use glam::{DQuat, DVec3};
+use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector1, Vector3, Vector6};
+
+use crate::frame_map::{Pose, orientation_chart};
+use crate::natural::Natural;
+
+/// Collision avoidance on the clearance d between a control point and an obstacle.
+///
+/// ```text
+/// w(d) = m (d₀/d − 1)² for d < d₀, else 0
+/// u(ḋ) = ε + (ḋ/v₀)² for ḋ < 0, else ε       G = w u,  M = G + Ξ = w (ε + 2(ḋ/v₀)²)
+/// Φ = ½ a w(d)      B = η G      ξ = ½ w′ u ḋ²   [Cheng et al. 2019, eq. 21 and 68]
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CollisionAvoidance {
+    /// d₀: farther away the leaf is silent \[m\].
+    pub activation_distance_m: f64,
+    /// Clearance below which the leaf no longer grows \[m\].
+    pub clearance_min_m: f64,
+    /// m \[kg\].
+    pub inertia_kg: f64,
+    /// ε: share of the inertia that speaks at any velocity.
+    pub rest_share: f64,
+    /// v₀: approach speed at which the inertia doubles the rest share's unit \[m/s\].
+    pub approach_speed_m_s: f64,
+    /// a: strength of the repulsive potential \[m²/s²\].
+    pub repulsion_m2_s2: f64,
+    /// η \[1/s\].
+    pub damping_1_s: f64,
+}
+
+impl CollisionAvoidance {
+    /// The leaf at clearance `distance` \[m\], changing at `rate` \[m/s\]; `None` out of range.
+    #[must_use]
+    pub fn evaluate(&self, distance: f64, rate: f64) -> Option<Natural<1>> {
+        if distance.is_nan() || distance >= self.activation_distance_m {
+            return None;
+        }
+        let d = distance.max(self.clearance_min_m);
+        let ratio = self.activation_distance_m / d - 1.0;
+        let weight = self.inertia_kg * ratio * ratio;
+        let slope = -2.0 * self.inertia_kg * ratio * self.activation_distance_m / (d * d);
+        let approach = rate.min(0.0) / self.approach_speed_m_s;
+        let gate = self.rest_share + approach * approach;
+        let metric = weight * (self.rest_share + 2.0 * approach * approach);
+        let force = -0.5 * self.repulsion_m2_s2 * slope
+            - self.damping_1_s * weight * gate * rate
+            - 0.5 * slope * gate * rate * rate;
+        Some(Natural { force: Vector1::new(force), metric: SMatrix::<f64, 1, 1>::new(metric) })
+    }
+}
+
+/// A moving obstacle's surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Obstacle {
+    /// A ball.
+    Sphere {
+        /// Centre \[m\].
+        center: DVec3,
+        /// Radius \[m\].
+        radius: f64,
+        /// Velocity of the centre \[m/s\].
+        velocity: DVec3,
+    },
+    /// All below a plane.
+    HalfSpace {
+        /// A point of the plane \[m\].
+        point: DVec3,
+        /// Outward unit normal.
+        normal: DVec3,
+        /// Velocity of the plane \[m/s\].
+        velocity: DVec3,
+    },
+}
+
+/// Clearance of a moving ball from an obstacle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clearance {
+    /// d \[m\].
+    pub distance: f64,
+    /// ḋ \[m/s\].
+    pub rate: f64,
+    /// Direction in which d grows, unit.
+    pub normal: DVec3,
+    /// What d̈ is beside nᵀ times the point's acceleration \[m/s²\]; the obstacle's own
+    /// acceleration is taken as zero.
+    pub curvature: f64,
+}
+
+impl Obstacle {
+    /// Clearance of a ball of `radius` at `point`, moving with `velocity`.
+    #[must_use]
+    pub fn clearance(&self, point: DVec3, velocity: DVec3, radius: f64) -> Clearance {
+        match *self {
+            Self::Sphere { center, radius: size, velocity: own } => {
+                let between = point - center;
+                let length = between.length().max(1e-9);
+                let normal = between / length;
+                let relative = velocity - own;
+                let rate = normal.dot(relative);
+                let sideways = relative - normal * rate;
+                Clearance {
+                    distance: length - size - radius,
+                    rate,
+                    normal,
+                    curvature: sideways.length_squared() / length,
+                }
+            }
+            Self::HalfSpace { point: on, normal, velocity: own } => Clearance {
+                distance: normal.dot(point - on) - radius,
+                rate: normal.dot(velocity - own),
+                normal,
+                curvature: 0.0,
+            },
+        }
+    }
+}
+
+/// Draws a pose to a goal: a spring whose pull saturates, and damping.
+///
+/// M = diag(m I, j I), Φ = m k s (√(|e|² + s²) − s) in position and ½ j k |r|² in the orientation
+/// chart at the goal, B = d M. The pull saturates at m k s, so that a far goal gives a steady
+/// speed k s/d.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseAttractor {
+    /// m \[kg\].
+    pub linear_inertia_kg: f64,
+    /// j \[kg m²\].
+    pub angular_inertia_kg_m2: f64,
+    /// k \[1/s²\].
+    pub stiffness_1_s2: f64,
+    /// d \[1/s\].
+    pub damping_1_s: f64,
+    /// s \[m\].
+    pub saturation_m: f64,
+}
+
+impl PoseAttractor {
+    /// The leaf on \[linear; angular\] of a pose moving with `linear`, `angular` towards a goal
+    /// at rest.
+    #[must_use]
+    pub fn evaluate(&self, pose: &Pose, linear: DVec3, angular: DVec3, goal: &Pose) -> Natural<6> {
+        let away = pose.position - goal.position;
+        let soft = (away.length_squared() + self.saturation_m * self.saturation_m).sqrt();
+        let pull = away * (self.stiffness_1_s2 * self.saturation_m / soft);
+        let linear_force = (-pull - linear * self.damping_1_s) * self.linear_inertia_kg;
+        let chart = orientation_chart(goal.orientation, pose.orientation, angular);
+        let j = Matrix3::from_column_slice(&chart.jacobian.to_cols_array());
+        let vector = |v: DVec3| Vector3::new(v.x, v.y, v.z);
+        let wanted = -vector(chart.rotation) * self.stiffness_1_s2
+            - vector(chart.velocity) * self.damping_1_s;
+        let force = (wanted + j * vector(chart.bias)) * self.angular_inertia_kg_m2;
+        let mut natural = Natural { force: Vector6::zeros(), metric: Matrix6::zeros() };
+        natural.force.fixed_rows_mut::<3>(0).copy_from(&vector(linear_force));
+        natural.force.fixed_rows_mut::<3>(3).copy_from(&j.tr_mul(&force));
+        let linear_metric = Matrix3::identity() * self.linear_inertia_kg;
+        natural.metric.fixed_view_mut::<3, 3>(0, 0).copy_from(&linear_metric);
+        let angular_metric = j.tr_mul(&j) * self.angular_inertia_kg_m2;
+        natural.metric.fixed_view_mut::<3, 3>(3, 3).copy_from(&angular_metric);
+        natural
+    }
+}
+
+/// Damping in joint space: M = m I, f = −d m q̇. It keeps the root's metric positive definite near
+/// singular configurations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointDamping {
+    /// m \[kg m²\] for revolute joints, \[kg\] for prismatic ones.
+    pub inertia: f64,
+    /// d \[1/s\].
+    pub damping_1_s: f64,
+}
+
+impl JointDamping {
+    /// The leaf at joint velocity q̇ \[rad/s or m/s\].
+    #[must_use]
+    pub fn evaluate<const N: usize>(&self, velocity: &SVector<f64, N>) -> Natural<N> {
+        Natural {
+            force: velocity * (-self.damping_1_s * self.inertia),
+            metric: SMatrix::identity() * self.inertia,
+        }
+    }
+}
+
+/// The orientation of a quaternion's z axis, e.g. the normal of a half-space.
+#[must_use]
+pub fn z_axis(q: DQuat) -> DVec3 {
+    q * DVec3::Z
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LEAF: CollisionAvoidance = CollisionAvoidance {
+        activation_distance_m: 0.15,
+        clearance_min_m: 0.002,
+        inertia_kg: 0.5,
+        rest_share: 0.1,
+        approach_speed_m_s: 0.3,
+        repulsion_m2_s2: 0.05,
+        damping_1_s: 6.0,
+    };
+
+    /// V = Φ + ½ G ḋ²; V̇ = −B ḋ² for M d̈ = f.
+    #[test]
+    fn collision_energy_falls_by_the_damping_alone() {
+        let leaf = CollisionAvoidance { damping_1_s: 0.0, ..LEAF };
+        let energy = |d: f64, rate: f64| {
+            let weight = leaf.inertia_kg * (leaf.activation_distance_m / d - 1.0).powi(2);
+            let gate = leaf.rest_share + (rate.min(0.0) / leaf.approach_speed_m_s).powi(2);
+            0.5 * leaf.repulsion_m2_s2 * weight + 0.5 * weight * gate * rate * rate
+        };
+        let acceleration = |d: f64, rate: f64| {
+            let natural = leaf.evaluate(d, rate).unwrap();
+            natural.force[0] / natural.metric[0]
+        };
+        let (mut d, mut rate, dt) = (0.1, -0.4, 1e-5);
+        let start = energy(d, rate);
+        for _ in 0..10_000 {
+            let a = acceleration(d + 0.5 * dt * rate, rate + 0.5 * dt * acceleration(d, rate));
+            d += dt * (rate + 0.5 * dt * a);
+            rate += dt * a;
+            assert!(d > 0.0);
+            if d > 0.13 {
+                break;
+            }
+            assert!((energy(d, rate) - start).abs() < 1e-4 * start, "{}", energy(d, rate) / start);
+        }
+        let free = leaf.evaluate(0.1, -0.4).unwrap().force[0];
+        let damped = LEAF.evaluate(0.1, -0.4).unwrap().force[0];
+        assert!(damped > free, "damping opposes the approach");
+    }
+
+    #[test]
+    fn collision_is_silent_out_of_range_and_finite_in_contact() {
+        assert!(LEAF.evaluate(0.15, -1.0).is_none());
+        assert!(LEAF.evaluate(f64::NAN, -1.0).is_none());
+        for distance in [0.0, -0.05] {
+            let natural = LEAF.evaluate(distance, 0.0).unwrap();
+            assert!(natural.force[0] > 0.0 && natural.force[0].is_finite());
+        }
+    }
+
+    #[test]
+    fn clearance_changes_as_its_rate_and_curvature_say() {
+        let velocity = DVec3::new(0.3, -0.2, 0.5);
+        let obstacles = [
+            Obstacle::Sphere {
+                center: DVec3::new(0.5, 0.0, 0.2),
+                radius: 0.06,
+                velocity: DVec3::new(0.0, 0.4, -0.1),
+            },
+            Obstacle::HalfSpace {
+                point: DVec3::new(0.0, 0.0, 0.1),
+                normal: DVec3::new(0.0, 0.6, 0.8),
+                velocity: DVec3::new(0.1, 0.0, 0.2),
+            },
+        ];
+        for obstacle in obstacles {
+            let at = |t: f64| {
+                let moved = match obstacle {
+                    Obstacle::Sphere { center, radius, velocity } => {
+                        Obstacle::Sphere { center: center + velocity * t, radius, velocity }
+                    }
+                    Obstacle::HalfSpace { point, normal, velocity } => {
+                        Obstacle::HalfSpace { point: point + velocity * t, normal, velocity }
+                    }
+                };
+                moved.clearance(DVec3::new(0.7, 0.2, 0.4) + velocity * t, velocity, 0.05)
+            };
+            let h = 1e-4;
+            let (a, b, c) = (at(-h), at(0.0), at(h));
+            assert!((b.rate - (c.distance - a.distance) / (2.0 * h)).abs() < 1e-7);
+            let second = (c.distance - 2.0 * b.distance + a.distance) / (h * h);
+            assert!((b.curvature - second).abs() < 1e-5, "{} {second}", b.curvature);
+        }
+    }
+
+    #[test]
+    fn attractor_holds_its_goal_and_saturates_far_away() {
+        let attractor = PoseAttractor {
+            linear_inertia_kg: 2.0,
+            angular_inertia_kg_m2: 0.1,
+            stiffness_1_s2: 40.0,
+            damping_1_s: 12.0,
+            saturation_m: 0.05,
+        };
+        let goal = Pose {
+            position: DVec3::new(0.4, 0.1, 0.3),
+            orientation: DQuat::from_scaled_axis(DVec3::new(1.0, 2.0, 0.5)),
+        };
+        let at_goal = attractor.evaluate(&goal, DVec3::ZERO, DVec3::ZERO, &goal);
+        assert!(at_goal.force.norm() < 1e-12);
+        let far = Pose { position: goal.position + DVec3::X * 10.0, ..goal };
+        let pulled = attractor.evaluate(&far, DVec3::ZERO, DVec3::ZERO, &goal);
+        let pull = pulled.resolve().unwrap();
+        assert!((pull[0] + 40.0 * 0.05).abs() < 1e-3 && pull.fixed_rows::<5>(1).norm() < 1e-9);
+        let turned = Pose {
+            orientation: DQuat::from_scaled_axis(DVec3::new(0.0, 0.3, 0.0)) * goal.orientation,
+            ..goal
+        };
+        let turning = attractor.evaluate(&turned, DVec3::ZERO, DVec3::ZERO, &goal);
+        let alpha = turning.resolve().unwrap();
+        assert!((alpha[4] + 40.0 * 0.3).abs() < 1e-9, "{alpha}");
+    }
+}
