@@ -1,1 +1,17 @@
-//! The hard-loop controller process.
+//! The controller: reads robot state and task frames from shared memory, evaluates a learned
+//! policy, publishes joint commands, and stays safe.
+//!
+//! Start here: [`cycle`] is the loop, [`policy`] the tree it evaluates, [`startup`] what happens
+//! before it. Start-up may allocate, read files and fail loudly; the cycle may do none of that.
+
+pub mod allocation;
+pub mod check;
+pub mod cycle;
+pub mod inputs;
+pub mod limits;
+pub mod policy;
+pub mod realtime;
+pub mod startup;
+pub mod task;
+pub mod telemetry;
+pub mod tracking;

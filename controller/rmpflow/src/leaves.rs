@@ -187,7 +187,7 @@ impl JointDamping {
     }
 }
 
-/// The orientation of a quaternion's z axis, e.g. the normal of a half-space.
+/// The z axis of an orientation, e.g. the normal of a half-space.
 #[must_use]
 pub fn z_axis(q: DQuat) -> DVec3 {
     q * DVec3::Z

@@ -1,6 +1,6 @@
 //! Policies in natural form, and the algebra that composes them  [thesis section 3.3].
 
-use nalgebra::{Cholesky, Const, SMatrix, SVector};
+use nalgebra::{Cholesky, SMatrix, SVector};
 
 /// A policy M ẍ = f on a space of dimension N.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,10 +50,7 @@ impl<const N: usize> Natural<N> {
     ///
     /// # Errors
     /// When M is not positive definite or f is not finite: the caller decides what is safe.
-    pub fn resolve(&self) -> Result<SVector<f64, N>, ResolveError>
-    where
-        Const<N>: nalgebra::DimMin<Const<N>, Output = Const<N>>,
-    {
+    pub fn resolve(&self) -> Result<SVector<f64, N>, ResolveError> {
         let factor = Cholesky::new(self.metric).ok_or(ResolveError::MetricNotPositiveDefinite)?;
         let acceleration = factor.solve(&self.force);
         if acceleration.iter().all(|a| a.is_finite()) {

@@ -1,0 +1,526 @@
+//! The controller's configuration: which robot, how the loop runs, which leaves, which limits.
+//!
+//! Every key is required and none is invented: a missing or unknown key is an error that names the
+//! file, the key and what was expected. Paths are relative to the file.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use tprmp_rmpflow::leaves::{CollisionAvoidance, JointDamping, PoseAttractor};
+use tprmp_rmpflow::skill::SkillInertia;
+
+/// Why a configuration was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("configuration `{path}` cannot be read: {source}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The file is not RON, or a key is missing, unknown or of another type.
+    #[error("configuration `{path}`, {position}: {problem}")]
+    Syntax {
+        /// The file.
+        path: PathBuf,
+        /// Line and column.
+        position: String,
+        /// What the parser says: it names the key.
+        problem: String,
+    },
+    /// A value is outside its range.
+    #[error("configuration `{path}`, key `{key}`: expected {expected}, found {found}")]
+    Value {
+        /// The file.
+        path: PathBuf,
+        /// The key.
+        key: String,
+        /// What was expected.
+        expected: &'static str,
+        /// What was found.
+        found: String,
+    },
+}
+
+/// What wakes the loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub enum Trigger {
+    /// An absolute schedule of its own.
+    Periodic,
+    /// Each new state.
+    OnState,
+}
+
+/// The robot and its limits.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Robot {
+    /// URDF of the arm.
+    pub urdf: PathBuf,
+    /// Link that the skill moves.
+    pub tool_link: String,
+    /// Names of the joints from base to tool: the order of every list and message.
+    pub joints: Vec<String>,
+    /// Gravity in the base frame \[m/s²\].
+    pub gravity_m_s2: [f64; 3],
+    /// Largest joint accelerations \[rad/s² or m/s²\].
+    pub acceleration_max: Vec<f64>,
+    /// Share of the URDF's velocity limit that may be used.
+    pub velocity_share: f64,
+    /// Share of the URDF's effort limit that may be used.
+    pub effort_share: f64,
+    /// Distance kept from the URDF's position limits \[rad or m\].
+    pub position_margin: f64,
+}
+
+/// The loop.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Loop {
+    /// What wakes it.
+    pub trigger: Trigger,
+    /// Period of the schedule; also the deadline of a tick \[ns\].
+    pub period_ns: u64,
+    /// Older states stop the arm \[ns\].
+    pub state_age_max_ns: u64,
+    /// Older frames stop the arm \[ns\].
+    pub frames_age_max_ns: u64,
+    /// A command lives this long \[ns\].
+    pub command_lifetime_ns: u64,
+    /// So many missed deadlines in a row stop the arm.
+    pub overruns_in_a_row_max: u32,
+}
+
+/// How the velocities of frames become accelerations.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FrameObserver {
+    /// Time constant of the filter \[s\].
+    pub time_constant_s: f64,
+    /// Largest acceleration believed \[m/s²\].
+    pub linear_acceleration_max_m_s2: f64,
+    /// Largest angular acceleration believed \[rad/s²\].
+    pub angular_acceleration_max_rad_s2: f64,
+}
+
+/// The impedance with which the policy's acceleration is tracked  [thesis section 4.4].
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Impedance {
+    /// Stiffness towards the integrated position \[1/s²\].
+    pub stiffness_1_s2: f64,
+    /// Damping towards the integrated velocity \[1/s\].
+    pub damping_1_s: f64,
+    /// Time in which the integrated state gives way to the measured one \[s\].
+    pub reference_time_constant_s: f64,
+}
+
+/// How the arm stops and starts.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stop {
+    /// Share of the largest accelerations used to decelerate to rest.
+    pub deceleration_share: f64,
+    /// Longest time taken to come to rest \[s\].
+    pub duration_max_s: f64,
+    /// Time over which the policy is faded in after a start or a stop \[s\].
+    pub fade_in_s: f64,
+}
+
+/// A link and a kind of obstacle that need not keep apart.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Exemption {
+    /// Name of the link.
+    pub link: String,
+    /// Kind of obstacle.
+    pub obstacle: ExemptObstacle,
+}
+
+/// A kind of obstacle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub enum ExemptObstacle {
+    /// Balls.
+    Sphere,
+    /// Half-spaces.
+    HalfSpace,
+}
+
+/// Collision avoidance.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Collision {
+    /// Within this clearance a link gives way to an obstacle \[m\].
+    pub activation_distance_m: f64,
+    /// Clearance that is kept \[m\].
+    pub margin_m: f64,
+    /// Clearance below which the leaf no longer grows \[m\].
+    pub clearance_min_m: f64,
+    /// Inertia of the leaf \[kg\].
+    pub inertia_kg: f64,
+    /// Share of the inertia that speaks at any velocity.
+    pub rest_share: f64,
+    /// Approach speed that counts as fast \[m/s\].
+    pub approach_speed_m_s: f64,
+    /// Strength of the repulsion \[m²/s²\].
+    pub repulsion_m2_s2: f64,
+    /// Damping of the approach \[1/s\].
+    pub damping_1_s: f64,
+    /// Pairs that need not keep apart, e.g. the tool and the table it picks from.
+    pub exempt: Vec<Exemption>,
+}
+
+/// Damping in joint space.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointDampingLeaf {
+    /// Inertia \[kg m² or kg\].
+    pub inertia: f64,
+    /// Damping \[1/s\].
+    pub damping_1_s: f64,
+}
+
+/// How strongly the skill speaks against other leaves.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SkillLeaf {
+    /// Inertia of the position at the goal \[kg\].
+    pub linear_inertia_kg: f64,
+    /// Inertia of the orientation at the goal \[kg m²\].
+    pub angular_inertia_kg_m2: f64,
+}
+
+/// What is done once the gripper holds the object.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lift {
+    /// How high the tool is lifted along the base's z axis \[m\].
+    pub height_m: f64,
+    /// Linear inertia of the attractor \[kg\].
+    pub linear_inertia_kg: f64,
+    /// Angular inertia of the attractor \[kg m²\].
+    pub angular_inertia_kg_m2: f64,
+    /// Stiffness \[1/s²\].
+    pub stiffness_1_s2: f64,
+    /// Damping \[1/s\].
+    pub damping_1_s: f64,
+    /// Distance at which the pull saturates \[m\].
+    pub saturation_m: f64,
+}
+
+/// When the task counts as done.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Done {
+    /// Distance from the goal \[m\].
+    pub distance_m: f64,
+    /// Angle from the goal \[rad\].
+    pub angle_rad: f64,
+}
+
+/// Real-time set-up. Where a right is missing, the controller says so and goes on without.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RealTime {
+    /// SCHED_FIFO priority, 1 to 99; `None` keeps the ordinary scheduler.
+    pub fifo_priority: Option<u8>,
+    /// Whether memory is locked.
+    pub lock_memory: bool,
+}
+
+/// The whole configuration.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControllerConfig {
+    /// The robot.
+    pub robot: Robot,
+    /// The loop.
+    #[serde(rename = "loop")]
+    pub cycle: Loop,
+    /// Accelerations of frames.
+    pub frame_observer: FrameObserver,
+    /// The skill's leaf.
+    pub skill: SkillLeaf,
+    /// Joint damping.
+    pub joint_damping: JointDampingLeaf,
+    /// Collision avoidance, `None` without.
+    pub collision: Option<Collision>,
+    /// What follows once the gripper holds, `None` for a skill without a gripper.
+    pub lift: Option<Lift>,
+    /// When the task is done.
+    pub done: Done,
+    /// Tracking.
+    pub impedance: Impedance,
+    /// Stops and starts.
+    pub stop: Stop,
+    /// Real-time set-up.
+    pub real_time: RealTime,
+}
+
+impl Collision {
+    /// The leaf.
+    #[must_use]
+    pub fn leaf(&self) -> CollisionAvoidance {
+        CollisionAvoidance {
+            activation_distance_m: self.activation_distance_m,
+            clearance_min_m: self.clearance_min_m,
+            inertia_kg: self.inertia_kg,
+            rest_share: self.rest_share,
+            approach_speed_m_s: self.approach_speed_m_s,
+            repulsion_m2_s2: self.repulsion_m2_s2,
+            damping_1_s: self.damping_1_s,
+        }
+    }
+}
+
+impl Lift {
+    /// The leaf.
+    #[must_use]
+    pub fn leaf(&self) -> PoseAttractor {
+        PoseAttractor {
+            linear_inertia_kg: self.linear_inertia_kg,
+            angular_inertia_kg_m2: self.angular_inertia_kg_m2,
+            stiffness_1_s2: self.stiffness_1_s2,
+            damping_1_s: self.damping_1_s,
+            saturation_m: self.saturation_m,
+        }
+    }
+}
+
+impl JointDampingLeaf {
+    /// The leaf.
+    #[must_use]
+    pub fn leaf(&self) -> JointDamping {
+        JointDamping { inertia: self.inertia, damping_1_s: self.damping_1_s }
+    }
+}
+
+impl SkillLeaf {
+    /// The inertia.
+    #[must_use]
+    pub fn inertia(&self) -> SkillInertia {
+        SkillInertia {
+            linear_kg: self.linear_inertia_kg,
+            angular_kg_m2: self.angular_inertia_kg_m2,
+        }
+    }
+}
+
+/// Reads and validates a configuration.
+///
+/// # Errors
+/// [`ConfigError`], each naming the file, the key and what was expected.
+pub fn read(path: &Path) -> Result<ControllerConfig, ConfigError> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|source| ConfigError::Read { path: path.into(), source })?;
+    parse(&text, path)
+}
+
+fn parse(text: &str, path: &Path) -> Result<ControllerConfig, ConfigError> {
+    let options =
+        ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
+    let mut config: ControllerConfig =
+        options.from_str(text).map_err(|error| ConfigError::Syntax {
+            path: path.into(),
+            position: error.span.to_string(),
+            problem: error.code.to_string(),
+        })?;
+    config.validate(path)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    config.robot.urdf = folder.join(&config.robot.urdf);
+    Ok(config)
+}
+
+/// Collects the first value that is outside its range.
+struct Check<'a> {
+    path: &'a Path,
+    result: Result<(), ConfigError>,
+}
+
+impl Check<'_> {
+    fn fail(&mut self, key: &str, expected: &'static str, found: &dyn std::fmt::Debug) {
+        if self.result.is_ok() {
+            self.result = Err(ConfigError::Value {
+                path: self.path.into(),
+                key: key.into(),
+                expected,
+                found: format!("{found:?}"),
+            });
+        }
+    }
+
+    fn positive(&mut self, key: &str, value: f64) {
+        if !(value.is_finite() && value > 0.0) {
+            self.fail(key, "a finite number above zero", &value);
+        }
+    }
+
+    fn not_negative(&mut self, key: &str, value: f64) {
+        if !(value.is_finite() && value >= 0.0) {
+            self.fail(key, "a finite number of at least zero", &value);
+        }
+    }
+
+    fn share(&mut self, key: &str, value: f64) {
+        if !(value > 0.0 && value <= 1.0) {
+            self.fail(key, "a share above 0 and at most 1", &value);
+        }
+    }
+
+    fn time(&mut self, key: &str, value: u64) {
+        if !(1_000..=10_000_000_000).contains(&value) {
+            self.fail(key, "1000 to 10000000000 nanoseconds", &value);
+        }
+    }
+}
+
+impl ControllerConfig {
+    fn validate(&self, path: &Path) -> Result<(), ConfigError> {
+        let mut check = Check { path, result: Ok(()) };
+        let robot = &self.robot;
+        let count = robot.joints.len();
+        if !(2..=8).contains(&count) {
+            check.fail("robot.joints", "2 to 8 names", &robot.joints);
+        }
+        if robot.acceleration_max.len() != count {
+            check.fail(
+                "robot.acceleration_max",
+                "one number for each joint",
+                &robot.acceleration_max,
+            );
+        }
+        for limit in &robot.acceleration_max {
+            check.positive("robot.acceleration_max", *limit);
+        }
+        if !robot.gravity_m_s2.iter().all(|g| g.is_finite()) {
+            check.fail("robot.gravity_m_s2", "three finite numbers", &robot.gravity_m_s2);
+        }
+        check.share("robot.velocity_share", robot.velocity_share);
+        check.share("robot.effort_share", robot.effort_share);
+        check.not_negative("robot.position_margin", robot.position_margin);
+        check.time("loop.period_ns", self.cycle.period_ns);
+        check.time("loop.state_age_max_ns", self.cycle.state_age_max_ns);
+        check.time("loop.frames_age_max_ns", self.cycle.frames_age_max_ns);
+        check.time("loop.command_lifetime_ns", self.cycle.command_lifetime_ns);
+        if self.cycle.overruns_in_a_row_max == 0 {
+            check.fail("loop.overruns_in_a_row_max", "at least 1", &0);
+        }
+        let observer = &self.frame_observer;
+        check.positive("frame_observer.time_constant_s", observer.time_constant_s);
+        check.not_negative(
+            "frame_observer.linear_acceleration_max_m_s2",
+            observer.linear_acceleration_max_m_s2,
+        );
+        check.not_negative(
+            "frame_observer.angular_acceleration_max_rad_s2",
+            observer.angular_acceleration_max_rad_s2,
+        );
+        check.positive("skill.linear_inertia_kg", self.skill.linear_inertia_kg);
+        check.positive("skill.angular_inertia_kg_m2", self.skill.angular_inertia_kg_m2);
+        check.not_negative("joint_damping.inertia", self.joint_damping.inertia);
+        check.not_negative("joint_damping.damping_1_s", self.joint_damping.damping_1_s);
+        if let Some(collision) = &self.collision {
+            check.positive("collision.activation_distance_m", collision.activation_distance_m);
+            check.not_negative("collision.margin_m", collision.margin_m);
+            check.positive("collision.clearance_min_m", collision.clearance_min_m);
+            if collision.clearance_min_m >= collision.activation_distance_m {
+                check.fail(
+                    "collision.clearance_min_m",
+                    "less than collision.activation_distance_m",
+                    &collision.clearance_min_m,
+                );
+            }
+            check.positive("collision.inertia_kg", collision.inertia_kg);
+            check.not_negative("collision.rest_share", collision.rest_share);
+            check.positive("collision.approach_speed_m_s", collision.approach_speed_m_s);
+            check.not_negative("collision.repulsion_m2_s2", collision.repulsion_m2_s2);
+            check.not_negative("collision.damping_1_s", collision.damping_1_s);
+        }
+        if let Some(lift) = &self.lift {
+            check.positive("lift.height_m", lift.height_m);
+            check.positive("lift.linear_inertia_kg", lift.linear_inertia_kg);
+            check.positive("lift.angular_inertia_kg_m2", lift.angular_inertia_kg_m2);
+            check.positive("lift.stiffness_1_s2", lift.stiffness_1_s2);
+            check.positive("lift.damping_1_s", lift.damping_1_s);
+            check.positive("lift.saturation_m", lift.saturation_m);
+        }
+        check.positive("done.distance_m", self.done.distance_m);
+        check.positive("done.angle_rad", self.done.angle_rad);
+        check.not_negative("impedance.stiffness_1_s2", self.impedance.stiffness_1_s2);
+        check.not_negative("impedance.damping_1_s", self.impedance.damping_1_s);
+        check.positive(
+            "impedance.reference_time_constant_s",
+            self.impedance.reference_time_constant_s,
+        );
+        check.share("stop.deceleration_share", self.stop.deceleration_share);
+        check.positive("stop.duration_max_s", self.stop.duration_max_s);
+        check.positive("stop.fade_in_s", self.stop.fade_in_s);
+        if let Some(priority) = self.real_time.fifo_priority
+            && !(1..=99).contains(&priority)
+        {
+            check.fail("real_time.fifo_priority", "None, or 1 to 99", &priority);
+        }
+        check.result
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shipped() -> (PathBuf, String) {
+        let path =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/controllers/ur5_pick.ron");
+        let text = std::fs::read_to_string(&path).unwrap();
+        (path, text)
+    }
+
+    fn error_of(edit: impl Fn(&str) -> String) -> String {
+        let (path, text) = shipped();
+        let edited = edit(&text);
+        assert_ne!(edited, text, "the edit must hit");
+        parse(&edited, &path).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn every_shipped_controller_configuration_is_valid() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/controllers");
+        let mut count = 0;
+        for entry in std::fs::read_dir(folder).unwrap().flatten() {
+            let config = read(&entry.path()).unwrap();
+            assert!(config.robot.urdf.exists(), "{}", config.robot.urdf.display());
+            count += 1;
+        }
+        assert!(count >= 2);
+    }
+
+    #[test]
+    fn a_missing_key_is_named() {
+        let error = error_of(|t| t.replace("fade_in_s:", "// fade_in_s:"));
+        assert!(error.contains("ur5_pick.ron") && error.contains("fade_in_s"), "{error}");
+    }
+
+    #[test]
+    fn an_unknown_key_is_named_with_what_was_expected() {
+        let error = error_of(|t| t.replace("fade_in_s:", "fade_in_ms:"));
+        assert!(error.contains("fade_in_ms") && error.contains("fade_in_s"), "{error}");
+    }
+
+    #[test]
+    fn a_value_outside_its_range_is_named_with_the_range() {
+        let error = error_of(|t| t.replace("velocity_share: ", "velocity_share: 1"));
+        assert!(error.contains("robot.velocity_share") && error.contains("at most 1"), "{error}");
+        let error = error_of(|t| t.replace("period_ns: 1_000_000", "period_ns: 0"));
+        assert!(error.contains("loop.period_ns"), "{error}");
+        let error = error_of(|t| t.replace("acceleration_max: [", "acceleration_max: [1.0, "));
+        assert!(error.contains("one number for each joint"), "{error}");
+    }
+
+    #[test]
+    fn a_truncated_file_is_an_error_with_a_position() {
+        let error = error_of(|t| t[..t.len() / 2].to_string());
+        assert!(error.contains("ur5_pick.ron"), "{error}");
+    }
+}

@@ -1,0 +1,279 @@
+//! The frozen model of a learned skill: its schema, reader, writer and validation.
+//!
+//! The file is RON text, `(schema: "tprmp-model/1", checksum: "sha256:…", body: (…))`. The checksum
+//! is the SHA-256 of the body, serialised compactly by `ron::to_string`, so that comments and
+//! layout may change, numbers may not.
+//!
+//! All numbers live in *canonical coordinates*: the space in which all demonstrations share their
+//! start frame and goal frame [m], and, for the orientation, the rotation vector at the goal,
+//! `q_y = q_g · exp(y_r)` [rad, full angle]. So the goal of the orientation block is `y_r = 0`.
+//!
+//! Each block is a field (`v_k = y − μ_k`, `G` the last component, `0` the background):
+//!
+//! ```text
+//! e_k = exp(−½ v_kᵀ Λ_k v_k),  ε₀ = exp(exponent),  w_k = e_k / (Σe + ε₀),  w_0 = ε₀ / (Σe + ε₀)
+//! φ_k = φ⁰_k + g_kᵀv_k + ½ v_kᵀS_kv_k
+//! φ_0 = offset + slope (√(|y − μ_G|² + softening²) − softening)
+//! Φ = Σ w_k φ_k,  M = Σ w_k M_k,  ÿ = −M⁻¹(∇Φ + ξ) − d ẏ
+//! ```
+//!
+//! Φ and M are divided by the goal's metric, so that `M_G = I`: no acceleration changes.
+
+mod evaluated;
+mod field;
+mod file;
+mod validate;
+
+pub use file::{ModelError, read, sha256_hex, to_text, write};
+
+use serde::{Deserialize, Serialize};
+
+/// Schema version this crate reads and writes.
+pub const SCHEMA: &str = "tprmp-model/1";
+
+/// Space in which a skill moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Manifold {
+    /// Positions in the plane.
+    R2,
+    /// Positions in space.
+    R3,
+    /// Poses: position and orientation.
+    #[serde(rename = "R3xS3")]
+    R3S3,
+}
+
+impl Manifold {
+    /// Dimension of the position block.
+    #[must_use]
+    pub fn position_dimension(self) -> usize {
+        match self {
+            Self::R2 => 2,
+            Self::R3 | Self::R3S3 => 3,
+        }
+    }
+
+    /// Whether the skill has an orientation block.
+    #[must_use]
+    pub fn has_orientation(self) -> bool {
+        self == Self::R3S3
+    }
+
+    /// Dimension of a velocity.
+    #[must_use]
+    pub fn dimension(self) -> usize {
+        self.position_dimension() + if self.has_orientation() { 3 } else { 0 }
+    }
+}
+
+impl std::fmt::Display for Manifold {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::R2 => "R2",
+            Self::R3 => "R3",
+            Self::R3S3 => "R3xS3",
+        })
+    }
+}
+
+/// A pose in canonical coordinates. Planar skills have `z = 0` and rotate about z only.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pose {
+    /// Position [m].
+    pub position_m: [f64; 3],
+    /// Unit quaternion w, x, y, z.
+    pub quaternion_wxyz: [f64; 4],
+}
+
+/// A learned skill, valid once read.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SkillModel {
+    /// Name of the skill.
+    pub skill: String,
+    /// Space in which it moves.
+    pub manifold: Manifold,
+    /// Frame of the robot that moves (a link's name).
+    pub tool_frame: String,
+    /// Name of the frame at which the skill starts.
+    pub start_frame: String,
+    /// Name of the frame to which the goal is fixed.
+    pub goal_frame: String,
+    /// Frames and goal in canonical coordinates.
+    pub canonical: Canonical,
+    /// Position field [m].
+    pub position: FieldModel,
+    /// Orientation field [rad]; present exactly when the manifold has an orientation.
+    pub orientation: Option<FieldModel>,
+    /// Mixture over position ⊕ orientation, in order of phase.
+    pub gaussians: Vec<Gaussian>,
+    /// How well the model was fitted.
+    pub fit: Fit,
+    /// Where the model comes from.
+    pub provenance: Provenance,
+}
+
+/// Frames and goal in canonical coordinates.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Canonical {
+    /// The start frame.
+    pub start: Pose,
+    /// The goal frame.
+    pub goal_frame: Pose,
+    /// Pose of the tool when the skill is done.
+    pub goal: Pose,
+}
+
+/// A learned field of one block, of dimension D = 2 or 3. Unit u is m or rad.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FieldModel {
+    /// Damping `d`: `B = d M` [1/s].
+    pub damping_1_s: f64,
+    /// Components in order of phase; the last one is the goal's.
+    pub components: Vec<Component>,
+    /// What acts far from all components.
+    pub background: Background,
+}
+
+/// One component of a field.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Component {
+    /// Mean μ [u].
+    pub mean: Vec<f64>,
+    /// Precision Λ, symmetric positive definite, rows [1/u²].
+    pub precision: Vec<Vec<f64>>,
+    /// Riemannian metric, symmetric positive definite, rows; the identity for the goal.
+    pub metric: Vec<Vec<f64>>,
+    /// Potential at the mean, φ⁰ [u²/s²].
+    pub potential: f64,
+    /// Gradient of φ at the mean, g [u/s²].
+    pub gradient: Vec<f64>,
+    /// Hessian of φ, symmetric, rows [1/s²].
+    pub hessian: Vec<Vec<f64>>,
+}
+
+/// What acts far from all components.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Background {
+    /// ln ε₀ of the constant density ε₀.
+    pub exponent: f64,
+    /// Metric, a multiple of the identity.
+    pub metric: f64,
+    /// Potential at the goal [u²/s²].
+    pub offset: f64,
+    /// Slope of the potential far from the goal [u/s²].
+    pub slope: f64,
+    /// Distance over which the cone is rounded [u].
+    pub softening: f64,
+}
+
+/// A Gaussian of the mixture in canonical coordinates: position [m] ⊕ orientation [rad].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Gaussian {
+    /// Weight in the mixture.
+    pub prior: f64,
+    /// Mean phase, 0 at the start, 1 at the end of the demonstrations.
+    pub phase: f64,
+    /// Mean.
+    pub mean: Vec<f64>,
+    /// Covariance, rows.
+    pub covariance: Vec<Vec<f64>>,
+}
+
+/// Figures of the fit. No time stands here: same input and seed give the same bytes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fit {
+    /// Expectation maximisation: iterations.
+    pub em_iterations: u32,
+    /// Mean log-likelihood of a sample after the last iteration [nat, normalised coordinates].
+    pub em_log_likelihood: f64,
+    /// The position field's convex program.
+    pub position: FieldFit,
+    /// The orientation field's.
+    pub orientation: Option<FieldFit>,
+    /// Rollouts of the model.
+    pub rollouts: Rollouts,
+}
+
+/// Figures of one convex program, in normalised coordinates.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FieldFit {
+    /// Solver status, `Solved` or `AlmostSolved`.
+    pub status: String,
+    /// Iterations of the interior point method.
+    pub iterations: u32,
+    /// Optimal value of the whole objective.
+    pub objective: f64,
+    /// Weighted mean square of the velocity residual [û²/s²].
+    pub residual: f64,
+    /// Mean violation of the demanded descent.
+    pub hinge: f64,
+    /// Share of the checked points at which the field does not descend along the demonstrations.
+    pub hinge_violated_share: f64,
+    /// Smallest eigenvalue of the Hessian at the goal relative to the metric [1/s²].
+    pub goal_hessian_min_1_s2: f64,
+    /// Normalised units in one physical unit, ŷ = s y.
+    pub length_scale: f64,
+}
+
+/// Figures of the rollouts. Rotation figures are zero for skills without an orientation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rollouts {
+    /// One row a demonstration.
+    pub demonstrations: Vec<DemonstrationRollout>,
+    /// Random starts around the demonstrations that were tried.
+    pub random_starts: u32,
+    /// Random starts that reached the goal.
+    pub random_starts_reached: u32,
+    /// Largest rise of `Φ + ½ẏᵀMẏ` in a step of 1 ms, relative to its value at the start.
+    pub energy_rise_max: f64,
+}
+
+/// A rollout from a demonstrated start, with the demonstration's own frames.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DemonstrationRollout {
+    /// File name of the demonstration.
+    pub name: String,
+    /// Distance to the goal at the end [m].
+    pub goal_error_m: f64,
+    /// Angle to the goal at the end [rad].
+    pub goal_error_rad: f64,
+    /// Root of the mean square distance to the demonstration at the same time [m].
+    pub tracking_rms_m: f64,
+    /// The same for the angle [rad].
+    pub tracking_rms_rad: f64,
+}
+
+/// Where a model comes from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Provenance {
+    /// Version of the learner.
+    pub tool_version: String,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Demonstrations, in order of their names.
+    pub demonstrations: Vec<Source>,
+    /// Every value of the skill file, `section.key` and its value as text.
+    pub hyper_parameters: Vec<(String, String)>,
+}
+
+/// A file that went into a model.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Source {
+    /// File name, without folders.
+    pub file: String,
+    /// SHA-256 of its bytes, hexadecimal.
+    pub sha256: String,
+}

@@ -1,0 +1,124 @@
+//! A model's parts in the form in which they are evaluated.
+
+use glam::{DQuat, DVec3};
+use nalgebra::{SMatrix, SVector};
+use tprmp_rmpflow::field::{self, Field};
+use tprmp_rmpflow::frame_map::{self, CanonicalFrames};
+
+use super::{Background, Canonical, Component, FieldModel, Pose};
+
+impl From<Pose> for frame_map::Pose {
+    fn from(pose: Pose) -> Self {
+        let [w, x, y, z] = pose.quaternion_wxyz;
+        Self {
+            position: DVec3::from_array(pose.position_m),
+            orientation: DQuat::from_xyzw(x, y, z, w),
+        }
+    }
+}
+
+impl From<frame_map::Pose> for Pose {
+    fn from(pose: frame_map::Pose) -> Self {
+        let q = pose.orientation;
+        Self { position_m: pose.position.to_array(), quaternion_wxyz: [q.w, q.x, q.y, q.z] }
+    }
+}
+
+impl From<Canonical> for CanonicalFrames {
+    fn from(canonical: Canonical) -> Self {
+        Self {
+            start: canonical.start.into(),
+            goal_frame: canonical.goal_frame.into(),
+            goal: canonical.goal.into(),
+        }
+    }
+}
+
+impl From<CanonicalFrames> for Canonical {
+    fn from(canonical: CanonicalFrames) -> Self {
+        Self {
+            start: canonical.start.into(),
+            goal_frame: canonical.goal_frame.into(),
+            goal: canonical.goal.into(),
+        }
+    }
+}
+
+impl FieldModel {
+    /// The field, ready to be evaluated.
+    ///
+    /// # Panics
+    /// When D is not the field's dimension, which the manifold tells.
+    #[must_use]
+    pub fn field<const D: usize>(&self) -> Field<D> {
+        let components: Vec<_> = self.components.iter().map(Component::evaluated::<D>).collect();
+        Field::new(&components, self.background.into(), self.damping_1_s)
+            .expect("a valid model has between two and as many components as a field holds")
+    }
+
+    /// The form in which a field is stored.
+    #[must_use]
+    pub fn from_parts<const D: usize>(
+        components: &[field::Component<D>],
+        background: field::Background,
+        damping_1_s: f64,
+    ) -> Self {
+        Self {
+            damping_1_s,
+            components: components.iter().map(Component::stored).collect(),
+            background: background.into(),
+        }
+    }
+}
+
+impl Component {
+    fn evaluated<const D: usize>(&self) -> field::Component<D> {
+        field::Component {
+            mean: vector(&self.mean),
+            precision: matrix(&self.precision),
+            metric: matrix(&self.metric),
+            potential: self.potential,
+            gradient: vector(&self.gradient),
+            hessian: matrix(&self.hessian),
+        }
+    }
+
+    fn stored<const D: usize>(component: &field::Component<D>) -> Self {
+        Self {
+            mean: component.mean.as_slice().to_vec(),
+            precision: rows(&component.precision),
+            metric: rows(&component.metric),
+            potential: component.potential,
+            gradient: component.gradient.as_slice().to_vec(),
+            hessian: rows(&component.hessian),
+        }
+    }
+}
+
+impl From<Background> for field::Background {
+    fn from(background: Background) -> Self {
+        let Background { exponent, metric, offset, slope, softening } = background;
+        Self { exponent, metric, offset, slope, softening }
+    }
+}
+
+impl From<field::Background> for Background {
+    fn from(background: field::Background) -> Self {
+        let field::Background { exponent, metric, offset, slope, softening } = background;
+        Self { exponent, metric, offset, slope, softening }
+    }
+}
+
+fn vector<const D: usize>(values: &[f64]) -> SVector<f64, D> {
+    assert_eq!(values.len(), D, "dimension of the field");
+    SVector::from_column_slice(values)
+}
+
+fn matrix<const D: usize>(rows: &[Vec<f64>]) -> SMatrix<f64, D, D> {
+    assert_eq!(rows.len(), D, "dimension of the field");
+    SMatrix::from_fn(|i, j| rows[i][j])
+}
+
+fn rows<const D: usize>(matrix: &SMatrix<f64, D, D>) -> Vec<Vec<f64>> {
+    (0..D).map(|i| (0..D).map(|j| matrix[(i, j)]).collect()).collect()
+}

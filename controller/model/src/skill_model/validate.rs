@@ -1,0 +1,187 @@
+//! The rules a model obeys.
+
+use nalgebra::DMatrix;
+use tprmp_rmpflow::field::COMPONENT_CAPACITY;
+
+use super::{Component, FieldModel, Gaussian, Pose, SkillModel};
+
+/// A key of the body, and what is wrong with its value.
+type Violation = (String, String);
+
+/// Relative tolerance of symmetry, of the goal's identity metric and of unit quaternions.
+const TOLERANCE: f64 = 1e-9;
+
+/// Least distance between the canonical start and goal [m]: the axis of the phase.
+const START_GOAL_DISTANCE_MIN_M: f64 = 1e-3;
+
+impl SkillModel {
+    /// Checks every rule of the model: dimensions, finiteness, definiteness, unit quaternions.
+    pub(super) fn validate(&self) -> Result<(), Violation> {
+        for (key, name) in [
+            ("skill", &self.skill),
+            ("tool_frame", &self.tool_frame),
+            ("start_frame", &self.start_frame),
+            ("goal_frame", &self.goal_frame),
+        ] {
+            require(!name.is_empty(), key, || "expected a name, found an empty one".into())?;
+        }
+        let canonical = &self.canonical;
+        pose("canonical.start", &canonical.start)?;
+        pose("canonical.goal_frame", &canonical.goal_frame)?;
+        pose("canonical.goal", &canonical.goal)?;
+        let dimension = self.manifold.position_dimension();
+        field("position", &self.position, dimension)?;
+        let goal = &self.position.components[self.position.components.len() - 1].mean;
+        require(
+            goal.iter().zip(&canonical.goal.position_m).all(|(a, b)| (a - b).abs() < TOLERANCE),
+            "position.components",
+            || "expected the last component at `canonical.goal`".into(),
+        )?;
+        let distance = nalgebra::Vector3::from(canonical.goal.position_m)
+            .metric_distance(&nalgebra::Vector3::from(canonical.start.position_m));
+        require(distance >= START_GOAL_DISTANCE_MIN_M, "canonical.goal", || {
+            format!(
+                "expected at least {START_GOAL_DISTANCE_MIN_M} m from `start`, found {distance} m"
+            )
+        })?;
+        require(
+            self.orientation.is_some() == self.manifold.has_orientation(),
+            "orientation",
+            || format!("expected a field exactly when the manifold ({}) has one", self.manifold),
+        )?;
+        if let Some(orientation) = &self.orientation {
+            field("orientation", orientation, 3)?;
+            let goal = &orientation.components[orientation.components.len() - 1].mean;
+            require(goal.iter().all(|x| *x == 0.0), "orientation.components", || {
+                "expected the last component at zero".into()
+            })?;
+        }
+        require(!self.gaussians.is_empty(), "gaussians", || "expected at least one".into())?;
+        for (k, g) in self.gaussians.iter().enumerate() {
+            gaussian(&format!("gaussians[{k}]"), g, self.manifold.dimension())?;
+        }
+        let fit = &self.fit;
+        finite("fit.em_log_likelihood", &[fit.em_log_likelihood])?;
+        finite("fit.rollouts.energy_rise_max", &[fit.rollouts.energy_rise_max])?;
+        Ok(())
+    }
+}
+
+fn require(
+    holds: bool,
+    key: impl AsRef<str>,
+    problem: impl FnOnce() -> String,
+) -> Result<(), Violation> {
+    if holds { Ok(()) } else { Err((key.as_ref().into(), problem())) }
+}
+
+fn finite(key: &str, values: &[f64]) -> Result<(), Violation> {
+    match values.iter().find(|x| !x.is_finite()) {
+        None => Ok(()),
+        Some(x) => Err((key.into(), format!("expected finite numbers, found {x}"))),
+    }
+}
+
+fn positive(key: &str, value: f64) -> Result<(), Violation> {
+    finite(key, &[value])?;
+    require(value > 0.0, key, || format!("expected a positive number, found {value}"))
+}
+
+fn pose(key: &str, pose: &Pose) -> Result<(), Violation> {
+    finite(&format!("{key}.position_m"), &pose.position_m)?;
+    let key = format!("{key}.quaternion_wxyz");
+    finite(&key, &pose.quaternion_wxyz)?;
+    let norm = nalgebra::Vector4::from(pose.quaternion_wxyz).norm();
+    require((norm - 1.0).abs() < TOLERANCE, key, || {
+        format!("expected a unit quaternion, found one of length {norm}")
+    })
+}
+
+fn vector(key: &str, vector: &[f64], dimension: usize) -> Result<(), Violation> {
+    require(vector.len() == dimension, key, || {
+        format!("expected {dimension} numbers, found {}", vector.len())
+    })?;
+    finite(key, vector)
+}
+
+/// A symmetric matrix, from its rows.
+fn symmetric(key: &str, rows: &[Vec<f64>], dimension: usize) -> Result<DMatrix<f64>, Violation> {
+    require(rows.len() == dimension, key, || {
+        format!("expected {dimension} rows, found {}", rows.len())
+    })?;
+    for row in rows {
+        vector(key, row, dimension)?;
+    }
+    let matrix = DMatrix::from_fn(dimension, dimension, |i, j| rows[i][j]);
+    let skew = (&matrix - matrix.transpose()).amax();
+    require(skew <= TOLERANCE * matrix.amax(), key, || {
+        format!("expected a symmetric matrix, found entries that differ by {skew}")
+    })?;
+    Ok(matrix)
+}
+
+fn positive_definite(
+    key: &str,
+    rows: &[Vec<f64>],
+    dimension: usize,
+) -> Result<DMatrix<f64>, Violation> {
+    let matrix = symmetric(key, rows, dimension)?;
+    require(matrix.clone().cholesky().is_some(), key, || {
+        "expected a positive definite matrix".into()
+    })?;
+    Ok(matrix)
+}
+
+fn field(key: &str, field: &FieldModel, dimension: usize) -> Result<(), Violation> {
+    positive(&format!("{key}.damping_1_s"), field.damping_1_s)?;
+    let count = field.components.len();
+    require((2..=COMPONENT_CAPACITY).contains(&count), format!("{key}.components"), || {
+        format!("expected 2 to {COMPONENT_CAPACITY} components, found {count}")
+    })?;
+    for (k, c) in field.components.iter().enumerate() {
+        component(&format!("{key}.components[{k}]"), c, dimension, k + 1 == count)?;
+    }
+    let background = &field.background;
+    let key = format!("{key}.background");
+    finite(&format!("{key}.exponent"), &[background.exponent])?;
+    positive(&format!("{key}.metric"), background.metric)?;
+    finite(&format!("{key}.offset"), &[background.offset])?;
+    positive(&format!("{key}.slope"), background.slope)?;
+    positive(&format!("{key}.softening"), background.softening)
+}
+
+fn component(
+    key: &str,
+    component: &Component,
+    dimension: usize,
+    is_goal: bool,
+) -> Result<(), Violation> {
+    vector(&format!("{key}.mean"), &component.mean, dimension)?;
+    positive_definite(&format!("{key}.precision"), &component.precision, dimension)?;
+    let metric_key = format!("{key}.metric");
+    let metric = positive_definite(&metric_key, &component.metric, dimension)?;
+    finite(&format!("{key}.potential"), &[component.potential])?;
+    vector(&format!("{key}.gradient"), &component.gradient, dimension)?;
+    symmetric(&format!("{key}.hessian"), &component.hessian, dimension)?;
+    if is_goal {
+        let excess = (metric - DMatrix::identity(dimension, dimension)).amax();
+        require(excess < TOLERANCE, metric_key, || {
+            format!("expected the identity at the goal, found entries {excess} away")
+        })?;
+        require(component.potential == 0.0, format!("{key}.potential"), || {
+            format!("expected zero at the goal, found {}", component.potential)
+        })?;
+        require(component.gradient.iter().all(|x| *x == 0.0), format!("{key}.gradient"), || {
+            "expected zero at the goal".into()
+        })?;
+    }
+    Ok(())
+}
+
+fn gaussian(key: &str, gaussian: &Gaussian, dimension: usize) -> Result<(), Violation> {
+    positive(&format!("{key}.prior"), gaussian.prior)?;
+    finite(&format!("{key}.phase"), &[gaussian.phase])?;
+    vector(&format!("{key}.mean"), &gaussian.mean, dimension)?;
+    positive_definite(&format!("{key}.covariance"), &gaussian.covariance, dimension)?;
+    Ok(())
+}

@@ -1,0 +1,216 @@
+//! The immutable model of a serial chain.
+
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use nalgebra::SVector;
+
+use crate::error::{UrdfError, UrdfErrorKind};
+use crate::inertia::SpatialInertia;
+use crate::urdf;
+
+/// How a joint moves. A continuous joint is a revolute one with infinite position limits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JointKind {
+    /// Turns about z of its joint frame [rad].
+    Revolute,
+    /// Slides along z of its joint frame [m].
+    Prismatic,
+}
+
+/// What the algorithms need of one joint and of the body it moves.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct JointModel {
+    pub(crate) kind: JointKind,
+    /// Orientation of this joint frame at q = 0 in the joint frame before it (the base for the first).
+    pub(crate) rotation: DMat3,
+    /// Origin of this joint frame at q = 0 in the joint frame before it [m].
+    pub(crate) position: DVec3,
+    /// All links fixed to this joint's moving side, in this joint frame.
+    pub(crate) inertia: SpatialInertia,
+}
+
+/// Limits of one joint as read.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct JointLimits {
+    pub(crate) lower: f64,
+    pub(crate) upper: f64,
+    pub(crate) velocity: f64,
+    pub(crate) effort: f64,
+}
+
+/// One movable joint as read.
+#[derive(Debug)]
+pub(crate) struct JointDescription {
+    pub(crate) name: String,
+    pub(crate) model: JointModel,
+    pub(crate) limits: JointLimits,
+}
+
+/// A chain of any length, as read from the file.
+#[derive(Debug)]
+pub(crate) struct ChainDescription {
+    pub(crate) root_link: String,
+    pub(crate) tool_link: String,
+    pub(crate) joints: Vec<JointDescription>,
+    pub(crate) links: Vec<(String, usize)>,
+    pub(crate) tool_rotation: DMat3,
+    pub(crate) tool_position: DVec3,
+    pub(crate) collision_shapes: Vec<CollisionShape>,
+}
+
+/// A collision primitive, centred at its pose. Lengths in m.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum CollisionGeometry {
+    /// Axis along z, flat ends.
+    Cylinder {
+        /// Radius [m].
+        radius: f64,
+        /// Length [m].
+        length: f64,
+    },
+    /// Axis along z, round ends beyond `length`.
+    Capsule {
+        /// Radius [m].
+        radius: f64,
+        /// Length without the round ends [m].
+        length: f64,
+    },
+    /// Sphere.
+    Sphere {
+        /// Radius [m].
+        radius: f64,
+    },
+    /// Box.
+    Box {
+        /// Full edge lengths [m].
+        size: DVec3,
+    },
+    /// A mesh: carried along so that the kinematics of such a robot can be used, but it cannot be
+    /// covered by spheres.
+    Mesh,
+}
+
+/// A collision primitive fixed to a moving link.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CollisionShape {
+    /// Index into [`Chain::moving_links`].
+    pub link: usize,
+    /// Index of the joint that moves it.
+    pub joint: usize,
+    /// Orientation in that joint's frame.
+    pub rotation: DMat3,
+    /// Centre in that joint's frame [m].
+    pub position: DVec3,
+    /// Shape.
+    pub geometry: CollisionGeometry,
+}
+
+/// A serial chain of `N` movable joints between the root link and a tool link. Immutable.
+#[derive(Debug, Clone)]
+pub struct Chain<const N: usize> {
+    pub(crate) joints: [JointModel; N],
+    /// Pose of the tool in the last joint frame.
+    pub(crate) tool_rotation: DMat3,
+    pub(crate) tool_position: DVec3,
+    position_lower: SVector<f64, N>,
+    position_upper: SVector<f64, N>,
+    velocity_max: SVector<f64, N>,
+    effort_max: SVector<f64, N>,
+    root_link: String,
+    tool_link: String,
+    joint_names: [String; N],
+    moving_links: Vec<(String, usize)>,
+    collision_shapes: Vec<CollisionShape>,
+}
+
+impl<const N: usize> Chain<N> {
+    /// Reads the chain between the root link and `tool_link`.
+    ///
+    /// # Errors
+    ///
+    /// [`UrdfError`] when the file cannot be read, is no URDF, or is not a usable chain of exactly
+    /// `N` movable joints.
+    pub fn from_urdf(file: impl AsRef<Path>, tool_link: &str) -> Result<Self, UrdfError> {
+        let file = file.as_ref();
+        urdf::read(file)
+            .and_then(|robot| urdf::describe(&robot, tool_link))
+            .and_then(Self::from_description)
+            .map_err(|kind| UrdfError { file: file.to_owned(), kind })
+    }
+
+    fn from_description(description: ChainDescription) -> Result<Self, UrdfErrorKind> {
+        let found = description.joints.len();
+        let count = |tool_link| UrdfErrorKind::JointCount { tool_link, expected: N, found };
+        let tool_link = description.tool_link;
+        let joints: [JointDescription; N] =
+            description.joints.try_into().map_err(|_| count(tool_link.clone()))?;
+        if N == 0 {
+            return Err(count(tool_link));
+        }
+        Ok(Self {
+            position_lower: SVector::from_fn(|i, _| joints[i].limits.lower),
+            position_upper: SVector::from_fn(|i, _| joints[i].limits.upper),
+            velocity_max: SVector::from_fn(|i, _| joints[i].limits.velocity),
+            effort_max: SVector::from_fn(|i, _| joints[i].limits.effort),
+            joints: std::array::from_fn(|i| joints[i].model),
+            joint_names: joints.map(|joint| joint.name),
+            tool_rotation: description.tool_rotation,
+            tool_position: description.tool_position,
+            root_link: description.root_link,
+            tool_link,
+            moving_links: description.links,
+            collision_shapes: description.collision_shapes,
+        })
+    }
+
+    /// Name of the root link, frame `B`.
+    pub fn root_link(&self) -> &str {
+        &self.root_link
+    }
+
+    /// Name of the tool link, frame `E`.
+    pub fn tool_link(&self) -> &str {
+        &self.tool_link
+    }
+
+    /// Names of the movable joints, from the base to the tool.
+    pub fn joint_names(&self) -> &[String; N] {
+        &self.joint_names
+    }
+
+    /// How joint `i` moves; `None` when there is no such joint.
+    pub fn joint_kind(&self, i: usize) -> Option<JointKind> {
+        self.joints.get(i).map(|joint| joint.kind)
+    }
+
+    /// Links that move: their name and the index of the joint that moves them, fixed links included.
+    pub fn moving_links(&self) -> &[(String, usize)] {
+        &self.moving_links
+    }
+
+    /// Lower position limits [rad or m]; −∞ for a continuous joint.
+    pub fn position_lower(&self) -> &SVector<f64, N> {
+        &self.position_lower
+    }
+
+    /// Upper position limits [rad or m]; +∞ for a continuous joint.
+    pub fn position_upper(&self) -> &SVector<f64, N> {
+        &self.position_upper
+    }
+
+    /// Speed limits, positive [rad/s or m/s].
+    pub fn velocity_max(&self) -> &SVector<f64, N> {
+        &self.velocity_max
+    }
+
+    /// Torque or force limits, positive [N m or N].
+    pub fn effort_max(&self) -> &SVector<f64, N> {
+        &self.effort_max
+    }
+
+    /// Collision shapes of the moving links.
+    pub fn collision_shapes(&self) -> &[CollisionShape] {
+        &self.collision_shapes
+    }
+}

@@ -1,0 +1,140 @@
+//! Spheres that cover the collision shapes of an arm.
+
+use glam::DVec3;
+
+use crate::chain::{Chain, CollisionGeometry, CollisionShape};
+
+/// Most spheres an arm can have.
+pub const CONTROL_POINT_CAPACITY: usize = 64;
+
+/// Largest radius of a sphere on a cylinder or capsule, as a factor of that shape's radius: √(1 + ¼).
+pub const INFLATION_MAX: f64 = 1.118_033_988_749_895;
+
+/// A sphere fixed to a moving link.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControlPoint {
+    /// Index into [`Chain::moving_links`], which gives the link's name.
+    pub link: usize,
+    /// Index of the joint that moves it: below N of the chain it was built from.
+    pub joint: usize,
+    /// Centre in that joint's frame [m]; the argument of [`crate::point_kinematics`].
+    pub centre: DVec3,
+    /// Radius [m].
+    pub radius: f64,
+}
+
+/// All spheres of an arm, in a fixed-size array. Built at start-up.
+///
+/// Every point of every collision shape of a moving link lies in at least one sphere.
+#[derive(Debug, Clone)]
+pub struct ControlPoints {
+    points: [ControlPoint; CONTROL_POINT_CAPACITY],
+    count: usize,
+}
+
+/// Why a robot's collision shapes cannot be covered.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ControlPointError {
+    /// Too many spheres would be needed.
+    #[error(
+        "link `{link}`: expected collision shapes that {capacity} spheres can cover, found that the arm needs more from here on"
+    )]
+    TooMany {
+        /// The link at which the capacity was reached.
+        link: String,
+        /// [`CONTROL_POINT_CAPACITY`].
+        capacity: usize,
+    },
+    /// A collision shape is a mesh.
+    #[error(
+        "link `{link}`: expected collision shapes of cylinders, capsules, spheres or boxes, found a mesh"
+    )]
+    Mesh {
+        /// The link.
+        link: String,
+    },
+}
+
+impl ControlPoints {
+    /// Covers the collision shapes of the chain's moving links.
+    ///
+    /// Along a cylinder's axis spheres stand at equal distances d of at most one radius r, the first
+    /// and last d/2 from the flat ends; their radius is √(r² + d²/4) ≤ [`INFLATION_MAX`] · r. So they
+    /// stick out by at most 0.119 r at the side and by at most r beyond the ends.
+    /// A capsule is covered alike, with spheres at both ends of its axis. A box is cut into cells with
+    /// no edge longer than the box's shortest s, each inside a sphere of radius at most √3/2 · s.
+    ///
+    /// # Errors
+    ///
+    /// [`ControlPointError`] when there is a mesh or more than [`CONTROL_POINT_CAPACITY`] spheres are
+    /// needed.
+    pub fn new<const N: usize>(chain: &Chain<N>) -> Result<Self, ControlPointError> {
+        let empty = ControlPoint { link: 0, joint: 0, centre: DVec3::NAN, radius: f64::NAN };
+        let mut covered = Self { points: [empty; CONTROL_POINT_CAPACITY], count: 0 };
+        for shape in chain.collision_shapes() {
+            let link = || chain.moving_links()[shape.link].0.clone();
+            let too_many =
+                || ControlPointError::TooMany { link: link(), capacity: CONTROL_POINT_CAPACITY };
+            match shape.geometry {
+                CollisionGeometry::Cylinder { radius, length } => {
+                    let cells = (length / radius).ceil();
+                    let step = length / cells;
+                    let inflated = radius.hypot(step / 2.0);
+                    for k in 0..cells_usize(cells) {
+                        let z = (k as f64 + 0.5) * step - length / 2.0;
+                        covered.push(shape, DVec3::Z * z, inflated).ok_or_else(too_many)?;
+                    }
+                }
+                CollisionGeometry::Capsule { radius, length } => {
+                    let cells = (length / radius).ceil();
+                    let step = length / cells;
+                    let inflated = radius.hypot(step / 2.0);
+                    for k in 0..=cells_usize(cells) {
+                        let z = k as f64 * step - length / 2.0;
+                        covered.push(shape, DVec3::Z * z, inflated).ok_or_else(too_many)?;
+                    }
+                }
+                CollisionGeometry::Sphere { radius } => {
+                    covered.push(shape, DVec3::ZERO, radius).ok_or_else(too_many)?;
+                }
+                CollisionGeometry::Box { size } => {
+                    let cells = (size / size.min_element()).ceil();
+                    let step = size / cells;
+                    let corner = (step - size) / 2.0;
+                    for i in 0..cells_usize(cells.x) {
+                        for j in 0..cells_usize(cells.y) {
+                            for k in 0..cells_usize(cells.z) {
+                                let cell = DVec3::new(i as f64, j as f64, k as f64);
+                                covered
+                                    .push(shape, corner + cell * step, step.length() / 2.0)
+                                    .ok_or_else(too_many)?;
+                            }
+                        }
+                    }
+                }
+                CollisionGeometry::Mesh => return Err(ControlPointError::Mesh { link: link() }),
+            }
+        }
+        Ok(covered)
+    }
+
+    /// The spheres.
+    pub fn as_slice(&self) -> &[ControlPoint] {
+        self.points.get(..self.count).unwrap_or_default()
+    }
+
+    /// Adds a sphere at `centre` in the shape's own frame; `None` when there is no room.
+    fn push(&mut self, shape: &CollisionShape, centre: DVec3, radius: f64) -> Option<()> {
+        let centre = shape.position + shape.rotation * centre;
+        *self.points.get_mut(self.count)? =
+            ControlPoint { link: shape.link, joint: shape.joint, centre, radius };
+        self.count += 1;
+        Some(())
+    }
+}
+
+/// A number of cells as a loop bound. More than the capacity are never needed to notice that
+/// there are too many.
+fn cells_usize(cells: f64) -> usize {
+    cells.clamp(0.0, CONTROL_POINT_CAPACITY as f64 + 1.0) as usize
+}

@@ -1,0 +1,384 @@
+//! From a URDF file to the description of a serial chain.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use nalgebra::Matrix3;
+use urdf_rs::{Geometry, Joint, JointType, Link, Pose, Robot};
+
+use crate::chain::{
+    ChainDescription, CollisionGeometry, CollisionShape, JointDescription, JointKind, JointLimits,
+    JointModel,
+};
+use crate::error::{UrdfError, UrdfErrorKind as Kind};
+use crate::inertia::SpatialInertia;
+
+/// Fewest movable joints of a chain.
+pub const JOINTS_MIN: usize = 2;
+/// Most movable joints of a chain.
+pub const JOINTS_MAX: usize = 8;
+
+/// Smallest principal moment accepted, as a factor of the largest: room for rounded figures.
+const PRINCIPAL_MOMENT_MIN: f64 = -1e-9;
+
+/// Number of movable joints between the root link and `tool_link`, to choose the `N` of
+/// [`crate::Chain`] at run time: from [`JOINTS_MIN`] to [`JOINTS_MAX`].
+///
+/// # Errors
+///
+/// [`UrdfError`] when the file cannot be read, the path has an unsupported joint, or the number is
+/// out of range. Limits, inertias and shapes are left to [`crate::Chain::from_urdf`].
+pub fn count_joints(file: impl AsRef<Path>, tool_link: &str) -> Result<usize, UrdfError> {
+    let file = file.as_ref();
+    read(file)
+        .and_then(|robot| count(&robot, tool_link))
+        .map_err(|kind| UrdfError { file: file.to_owned(), kind })
+}
+
+fn count(robot: &Robot, tool_link: &str) -> Result<usize, Kind> {
+    let tree = Tree::new(robot)?;
+    let mut found = 0;
+    for joint in tree.path_to(tool_link)? {
+        found += usize::from(joint_kind(joint)?.is_some());
+    }
+    if (JOINTS_MIN..=JOINTS_MAX).contains(&found) {
+        Ok(found)
+    } else {
+        let (tool_link, min, max) = (tool_link.to_owned(), JOINTS_MIN, JOINTS_MAX);
+        Err(Kind::JointCountRange { tool_link, min, max, found })
+    }
+}
+
+/// Reads and parses the file.
+pub(crate) fn read(file: &Path) -> Result<Robot, Kind> {
+    let text = std::fs::read_to_string(file).map_err(Kind::NotReadable)?;
+    urdf_rs::read_from_string(&text).map_err(|error| Kind::NotUrdf(error.to_string()))
+}
+
+/// Where a link stands: the joint frame that carries it (none: the base) and its pose there.
+#[derive(Clone, Copy)]
+struct Anchor {
+    joint: Option<usize>,
+    rotation: DMat3,
+    position: DVec3,
+}
+
+/// Checks the robot and folds it into the chain between its root link and `tool_link`.
+pub(crate) fn describe(robot: &Robot, tool_link: &str) -> Result<ChainDescription, Kind> {
+    let tree = Tree::new(robot)?;
+    let path = tree.path_to(tool_link)?;
+    let root = tree.root;
+
+    let mut joints: Vec<JointDescription> = Vec::new();
+    let mut links = Vec::new();
+    let mut collision_shapes = Vec::new();
+    let mut tool = None;
+
+    let base = Anchor { joint: None, rotation: DMat3::IDENTITY, position: DVec3::ZERO };
+    // Depth first from the root; each link is visited once, as it has one parent.
+    let mut open = vec![(root, base)];
+    while let Some((name, anchor)) = open.pop() {
+        let link = tree.links[name];
+        let inertia = link_inertia(link)?;
+        let shapes = link_shapes(link)?;
+        if let Some(joint) = anchor.joint {
+            let body = &mut joints[joint].model.inertia;
+            *body = body.plus(&inertia.moved(&anchor.rotation, anchor.position));
+            for (rotation, position, geometry) in shapes {
+                collision_shapes.push(CollisionShape {
+                    link: links.len(),
+                    joint,
+                    rotation: anchor.rotation * rotation,
+                    position: anchor.rotation * position + anchor.position,
+                    geometry,
+                });
+            }
+            links.push((link.name.clone(), joint));
+        }
+        if name == tool_link {
+            tool = Some(anchor);
+        }
+        // In reverse, so that links come in the order of the file.
+        for joint in tree.children(name).rev() {
+            let (rotation, position) = pose("joint", &joint.name, &joint.origin)?;
+            let child = Anchor {
+                joint: anchor.joint,
+                rotation: anchor.rotation * rotation,
+                position: anchor.rotation * position + anchor.position,
+            };
+            let on_path = path.iter().any(|other| other.name == joint.name);
+            let child = match joint_kind(joint) {
+                Ok(None) => child,
+                Ok(Some(kind)) if on_path => {
+                    let axis = joint_frame(unit_axis(joint)?);
+                    // The path is walked from the root, so joints come in its order.
+                    joints.push(JointDescription {
+                        name: joint.name.clone(),
+                        limits: joint_limits(joint)?,
+                        model: JointModel {
+                            kind,
+                            rotation: child.rotation * axis,
+                            position: child.position,
+                            inertia: SpatialInertia::ZERO,
+                        },
+                    });
+                    Anchor {
+                        joint: Some(joints.len() - 1),
+                        rotation: axis.transpose(),
+                        position: DVec3::ZERO,
+                    }
+                }
+                Err(error) if on_path => return Err(error),
+                _ => {
+                    return Err(Kind::MovableBranch {
+                        joint: joint.name.clone(),
+                        found: type_name(joint),
+                        tool_link: tool_link.to_owned(),
+                    });
+                }
+            };
+            open.push((joint.child.link.as_str(), child));
+        }
+    }
+
+    let Anchor { rotation: tool_rotation, position: tool_position, .. } = tool.unwrap_or(base);
+    Ok(ChainDescription {
+        root_link: root.to_owned(),
+        tool_link: tool_link.to_owned(),
+        joints,
+        links,
+        tool_rotation,
+        tool_position,
+        collision_shapes,
+    })
+}
+
+/// The links and joints of a file, checked to be a tree.
+struct Tree<'a> {
+    robot: &'a Robot,
+    links: HashMap<&'a str, &'a Link>,
+    /// The parent joint of each link but the root.
+    parents: HashMap<&'a str, &'a Joint>,
+    root: &'a str,
+}
+
+impl<'a> Tree<'a> {
+    fn new(robot: &'a Robot) -> Result<Self, Kind> {
+        let mut links = HashMap::new();
+        for link in &robot.links {
+            if links.insert(link.name.as_str(), link).is_some() {
+                return Err(Kind::DuplicateName { element: "link", name: link.name.clone() });
+            }
+        }
+        let mut names = HashMap::new();
+        let mut parents = HashMap::new();
+        for joint in &robot.joints {
+            if names.insert(joint.name.as_str(), ()).is_some() {
+                return Err(Kind::DuplicateName { element: "joint", name: joint.name.clone() });
+            }
+            for (role, link) in [("parent", &joint.parent.link), ("child", &joint.child.link)] {
+                if !links.contains_key(link.as_str()) {
+                    let (joint, link) = (joint.name.clone(), link.clone());
+                    return Err(Kind::UnknownLink { joint, role, link });
+                }
+            }
+            let child = joint.child.link.as_str();
+            if let Some(first) = parents.insert(child, joint) {
+                return Err(Kind::TwoParents {
+                    link: child.to_owned(),
+                    first: first.name.clone(),
+                    second: joint.name.clone(),
+                });
+            }
+        }
+        let roots: Vec<&str> = robot
+            .links
+            .iter()
+            .map(|link| link.name.as_str())
+            .filter(|name| !parents.contains_key(name))
+            .collect();
+        let [root] = roots[..] else {
+            return Err(Kind::RootCount { found: roots.into_iter().map(str::to_owned).collect() });
+        };
+        let tree = Self { robot, links, parents, root };
+        for link in &robot.links {
+            tree.path_to(&link.name)?;
+        }
+        Ok(tree)
+    }
+
+    /// The joints from the root to `tool_link`, in that order.
+    fn path_to(&self, tool_link: &str) -> Result<Vec<&'a Joint>, Kind> {
+        if !self.links.contains_key(tool_link) {
+            return Err(Kind::UnknownToolLink {
+                tool_link: tool_link.to_owned(),
+                found: self.robot.links.iter().map(|link| link.name.clone()).collect(),
+            });
+        }
+        let mut path = Vec::new();
+        let mut link = tool_link;
+        while let Some(joint) = self.parents.get(link) {
+            // A path without a loop has fewer joints than the file has links.
+            if path.len() >= self.links.len() {
+                return Err(Kind::ClosedLoop { link: link.to_owned() });
+            }
+            path.push(*joint);
+            link = joint.parent.link.as_str();
+        }
+        path.reverse();
+        Ok(path)
+    }
+
+    /// The joints whose parent is `link`.
+    fn children(&self, link: &str) -> impl DoubleEndedIterator<Item = &'a Joint> {
+        self.robot.joints.iter().filter(move |joint| joint.parent.link == link)
+    }
+}
+
+fn type_name(joint: &Joint) -> &'static str {
+    match joint.joint_type {
+        _ if joint.mimic.is_some() => "mimic",
+        JointType::Revolute => "revolute",
+        JointType::Continuous => "continuous",
+        JointType::Prismatic => "prismatic",
+        JointType::Fixed => "fixed",
+        JointType::Floating => "floating",
+        JointType::Planar => "planar",
+        JointType::Spherical => "spherical",
+    }
+}
+
+/// How the joint moves; `None` for a fixed one.
+fn joint_kind(joint: &Joint) -> Result<Option<JointKind>, Kind> {
+    match joint.joint_type {
+        JointType::Fixed => Ok(None),
+        JointType::Revolute | JointType::Continuous if joint.mimic.is_none() => {
+            Ok(Some(JointKind::Revolute))
+        }
+        JointType::Prismatic if joint.mimic.is_none() => Ok(Some(JointKind::Prismatic)),
+        _ => Err(Kind::UnsupportedJoint { joint: joint.name.clone(), found: type_name(joint) }),
+    }
+}
+
+fn unit_axis(joint: &Joint) -> Result<DVec3, Kind> {
+    finite("joint", &joint.name, "axis xyz", &joint.axis.xyz.0)?;
+    let axis = DVec3::from_array(joint.axis.xyz.0);
+    axis.try_normalize().ok_or_else(|| Kind::ZeroAxis { joint: joint.name.clone() })
+}
+
+/// The orientation of the joint frame in the URDF's frame: z along `axis`, the identity for +z.
+fn joint_frame(axis: DVec3) -> DMat3 {
+    let (x, y) = axis.any_orthonormal_pair();
+    DMat3::from_cols(x, y, axis)
+}
+
+fn joint_limits(joint: &Joint) -> Result<JointLimits, Kind> {
+    let name = || joint.name.clone();
+    let limit = &joint.limit;
+    let numbers = [limit.lower, limit.upper, limit.velocity, limit.effort];
+    finite("joint", &joint.name, "limit", &numbers)?;
+    if numbers == [0.0; 4] {
+        return Err(Kind::NoLimits { joint: name() });
+    }
+    let (speed, effort) = match joint.joint_type {
+        JointType::Prismatic => ("m/s", "N"),
+        _ => ("rad/s", "N m"),
+    };
+    for (limit, unit, found) in
+        [("velocity", speed, limit.velocity), ("effort", effort, limit.effort)]
+    {
+        if found <= 0.0 {
+            return Err(Kind::LimitNotPositive { joint: name(), limit, unit, found });
+        }
+    }
+    let (lower, upper) = match joint.joint_type {
+        JointType::Continuous => (f64::NEG_INFINITY, f64::INFINITY),
+        _ => (limit.lower, limit.upper),
+    };
+    if lower >= upper {
+        return Err(Kind::LimitOrder { joint: name(), lower, upper });
+    }
+    Ok(JointLimits { lower, upper, velocity: limit.velocity, effort: limit.effort })
+}
+
+/// Inertia of a link in its own frame.
+fn link_inertia(link: &Link) -> Result<SpatialInertia, Kind> {
+    let mass = link.inertial.mass.value;
+    finite("link", &link.name, "mass", &[mass])?;
+    if mass < 0.0 {
+        return Err(Kind::NegativeMass { link: link.name.clone(), found: mass });
+    }
+    let i = &link.inertial.inertia;
+    finite("link", &link.name, "inertia", &[i.ixx, i.ixy, i.ixz, i.iyy, i.iyz, i.izz])?;
+    let rows = [[i.ixx, i.ixy, i.ixz], [i.ixy, i.iyy, i.iyz], [i.ixz, i.iyz, i.izz]];
+    let moments = Matrix3::from(rows).symmetric_eigenvalues();
+    if moments.min() < PRINCIPAL_MOMENT_MIN * moments.amax() {
+        return Err(Kind::NegativeInertia { link: link.name.clone(), found: moments.min() });
+    }
+    let (rotation, centre) = pose("link", &link.name, &link.inertial.origin)?;
+    let tensor = rotation * DMat3::from_cols_array_2d(&rows) * rotation.transpose();
+    Ok(SpatialInertia::from_centre(mass, centre, tensor))
+}
+
+/// Collision shapes of a link in its own frame.
+fn link_shapes(link: &Link) -> Result<Vec<(DMat3, DVec3, CollisionGeometry)>, Kind> {
+    let dimension = |dimension, found: f64| {
+        finite("link", &link.name, "collision geometry", &[found])?;
+        if found > 0.0 {
+            Ok(found)
+        } else {
+            Err(Kind::DimensionNotPositive { link: link.name.clone(), dimension, found })
+        }
+    };
+    link.collision
+        .iter()
+        .map(|collision| {
+            let (rotation, position) = pose("link", &link.name, &collision.origin)?;
+            let geometry = match &collision.geometry {
+                Geometry::Cylinder { radius, length } => CollisionGeometry::Cylinder {
+                    radius: dimension("radius", *radius)?,
+                    length: dimension("length", *length)?,
+                },
+                Geometry::Capsule { radius, length } => CollisionGeometry::Capsule {
+                    radius: dimension("radius", *radius)?,
+                    length: dimension("length", *length)?,
+                },
+                Geometry::Sphere { radius } => {
+                    CollisionGeometry::Sphere { radius: dimension("radius", *radius)? }
+                }
+                Geometry::Box { size } => CollisionGeometry::Box {
+                    size: DVec3::new(
+                        dimension("size", size[0])?,
+                        dimension("size", size[1])?,
+                        dimension("size", size[2])?,
+                    ),
+                },
+                Geometry::Mesh { .. } => CollisionGeometry::Mesh,
+            };
+            Ok((rotation, position, geometry))
+        })
+        .collect()
+}
+
+/// The pose of an `<origin>`: rotation about x (roll), then y (pitch), then z (yaw) of the parent.
+fn pose(element: &'static str, name: &str, origin: &Pose) -> Result<(DMat3, DVec3), Kind> {
+    finite(element, name, "origin xyz", &origin.xyz.0)?;
+    finite(element, name, "origin rpy", &origin.rpy.0)?;
+    let [roll, pitch, yaw] = origin.rpy.0;
+    let rotation =
+        DMat3::from_rotation_z(yaw) * DMat3::from_rotation_y(pitch) * DMat3::from_rotation_x(roll);
+    Ok((rotation, DVec3::from_array(origin.xyz.0)))
+}
+
+fn finite(
+    element: &'static str,
+    name: &str,
+    quantity: &'static str,
+    numbers: &[f64],
+) -> Result<(), Kind> {
+    match numbers.iter().find(|number| !number.is_finite()) {
+        None => Ok(()),
+        Some(&found) => Err(Kind::NotFinite { element, name: name.to_owned(), quantity, found }),
+    }
+}

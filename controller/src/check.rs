@@ -1,0 +1,148 @@
+//! `controller check`: are the files right, and what does this machine lack for real time?
+
+use std::path::Path;
+
+use tprmp_messages::{SHARED_MEMORY_MIN_BYTES, free_shared_memory_bytes};
+use tprmp_model::controller_config::{self, ControllerConfig};
+
+use crate::realtime;
+use crate::startup::{self, StartError, WithRobot};
+
+/// Checks the files, which is an error when they are wrong, and the machine, which is a list of
+/// remedies.
+///
+/// # Errors
+/// The first thing that would keep the controller from starting.
+pub fn check(config_path: &Path, model_path: Option<&Path>) -> Result<(), StartError> {
+    let config = controller_config::read(config_path)?;
+    line("ok", "configuration", &config_path.display().to_string());
+    startup::with_robot(config_path, &config, Describe { config_path, config: &config })?;
+    if let Some(path) = model_path {
+        let loaded = startup::load(config_path, path)?;
+        let model = &loaded.model;
+        let text = format!(
+            "{}: skill `{}` on {} from `{}` to `{}`, {} components",
+            path.display(),
+            model.skill,
+            model.manifold,
+            model.start_frame,
+            model.goal_frame,
+            model.position.components.len(),
+        );
+        line("ok", "model", &text);
+    }
+    check_machine(&config);
+    Ok(())
+}
+
+fn line(verdict: &str, what: &str, text: &str) {
+    println!("{verdict:>4}  {what:<16} {text}");
+}
+
+struct Describe<'a> {
+    config_path: &'a Path,
+    config: &'a ControllerConfig,
+}
+
+impl WithRobot for Describe<'_> {
+    type Output = ();
+
+    fn call<const N: usize>(self) -> Result<(), StartError> {
+        let (chain, points) = startup::robot::<N>(self.config_path, self.config)?;
+        let text = format!(
+            "{}: {N} joints from `{}` to `{}`, {} control points",
+            self.config.robot.urdf.display(),
+            chain.root_link(),
+            chain.tool_link(),
+            points.as_slice().len()
+        );
+        line("ok", "robot", &text);
+        Ok(())
+    }
+}
+
+/// Tries on this thread what the loop would ask for, and looks at what it depends on.
+fn check_machine(config: &ControllerConfig) {
+    let priority = config.real_time.fifo_priority.unwrap_or(80);
+    match realtime::fifo(priority) {
+        Ok(()) => line("ok", "scheduling", &format!("SCHED_FIFO priority {priority} is granted")),
+        Err(error) => line(
+            "lack",
+            "scheduling",
+            &format!(
+                "SCHED_FIFO is refused ({error}): add `<user> - rtprio 99` to \
+                 /etc/security/limits.conf and log in again, or give the binary CAP_SYS_NICE"
+            ),
+        ),
+    }
+    match realtime::lock_memory() {
+        Ok(()) => line("ok", "locked memory", "mlockall is granted"),
+        Err(error) => line(
+            "lack",
+            "locked memory",
+            &format!(
+                "mlockall is refused ({error}): add `<user> - memlock unlimited` to \
+                 /etc/security/limits.conf and log in again"
+            ),
+        ),
+    }
+    let free = free_shared_memory_bytes();
+    if free >= SHARED_MEMORY_MIN_BYTES {
+        line("ok", "shared memory", &format!("{} MiB free in /dev/shm", free >> 20));
+    } else {
+        line(
+            "lack",
+            "shared memory",
+            &format!(
+                "{} KiB free in /dev/shm, {} MiB are needed: remove what fills it, or \
+                 `mount -o remount,size=64M /dev/shm`",
+                free >> 10,
+                SHARED_MEMORY_MIN_BYTES >> 20
+            ),
+        );
+    }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    if cores >= 2 {
+        line("ok", "cores", &format!("{cores} cores"));
+    } else {
+        line("lack", "cores", "1 core: controller and state publisher will wait for each other");
+    }
+    check_processor();
+    match std::fs::read_to_string("/sys/kernel/realtime") {
+        Ok(text) if text.trim() == "1" => line("ok", "kernel", "PREEMPT_RT"),
+        _ => line(
+            "lack",
+            "kernel",
+            "not PREEMPT_RT: wake-ups may be late by milliseconds under load; install a real-time \
+             kernel where deadlines are hard",
+        ),
+    }
+    match std::fs::read_to_string("/proc/sys/kernel/sched_rt_runtime_us").as_deref().map(str::trim)
+    {
+        Ok("-1") | Err(_) => line("ok", "throttling", "real-time threads are not throttled"),
+        Ok(runtime) => line(
+            "ok",
+            "throttling",
+            &format!(
+                "real-time threads may use {runtime} µs of each second's 1000000 µs: ample \
+                      for a loop that sleeps"
+            ),
+        ),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+fn check_processor() {
+    let fast =
+        std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma");
+    if fast {
+        line("ok", "processor", "AVX2 and FMA");
+    } else {
+        line("lack", "processor", "no AVX2 or FMA: results are the same, a tick takes longer");
+    }
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn check_processor() {
+    line("ok", "processor", std::env::consts::ARCH);
+}

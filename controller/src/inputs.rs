@@ -1,0 +1,282 @@
+//! Checks of what arrives: nothing unchecked goes further.
+
+use glam::{DQuat, DVec3};
+use nalgebra::SVector;
+use tprmp_messages::{
+    Frame, NAME_CAPACITY, OBSTACLE_CAPACITY, ObstacleKind, Reason, RobotState, TaskFrames,
+};
+use tprmp_model::controller_config::FrameObserver;
+use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::leaves::{Obstacle, z_axis};
+use tprmp_robot::Chain;
+
+/// How far a quaternion's length may be from one.
+const QUATERNION_TOLERANCE: f64 = 1e-3;
+
+/// A checked state of the robot.
+#[derive(Debug, Clone, Copy)]
+pub struct JointState<const N: usize> {
+    /// q \[rad or m\].
+    pub position: SVector<f64, N>,
+    /// q̇ \[rad/s or m/s\].
+    pub velocity: SVector<f64, N>,
+}
+
+/// Checks a state: number of joints, finite numbers, position limits.
+///
+/// # Errors
+/// The reason for which the arm has to stop.
+pub fn check_state<const N: usize>(
+    state: &RobotState,
+    chain: &Chain<N>,
+) -> Result<JointState<N>, Reason> {
+    if state.joint_count as usize != N {
+        return Err(Reason::JointCount);
+    }
+    let position = SVector::<f64, N>::from_column_slice(&state.position[..N]);
+    let velocity = SVector::<f64, N>::from_column_slice(&state.velocity[..N]);
+    if !position.iter().chain(velocity.iter()).all(|v| v.is_finite()) {
+        return Err(Reason::StateNotFinite);
+    }
+    let outside = |i: usize| {
+        position[i] < chain.position_lower()[i] || position[i] > chain.position_upper()[i]
+    };
+    if (0..N).any(outside) {
+        return Err(Reason::JointLimit);
+    }
+    Ok(JointState { position, velocity })
+}
+
+/// The frames a skill needs and the obstacles, checked, in fixed storage.
+#[derive(Debug)]
+pub struct Scene {
+    start: ObservedFrame,
+    goal: ObservedFrame,
+    obstacles: [Obstacle; OBSTACLE_CAPACITY],
+    obstacle_count: usize,
+    time_ns: Option<u64>,
+}
+
+#[derive(Debug)]
+struct ObservedFrame {
+    name: [u8; NAME_CAPACITY],
+    motion: FrameMotion,
+}
+
+impl Scene {
+    /// A scene of these two frames, not yet seen.
+    #[must_use]
+    pub fn new(start: [u8; NAME_CAPACITY], goal: [u8; NAME_CAPACITY]) -> Self {
+        let unseen = |name| ObservedFrame { name, motion: FrameMotion::at_rest(Pose::IDENTITY) };
+        let nothing = Obstacle::Sphere { center: DVec3::NAN, radius: 0.0, velocity: DVec3::ZERO };
+        Self {
+            start: unseen(start),
+            goal: unseen(goal),
+            obstacles: [nothing; OBSTACLE_CAPACITY],
+            obstacle_count: 0,
+            time_ns: None,
+        }
+    }
+
+    /// The skill's start frame.
+    #[must_use]
+    pub fn start(&self) -> &FrameMotion {
+        &self.start.motion
+    }
+
+    /// The skill's goal frame.
+    #[must_use]
+    pub fn goal(&self) -> &FrameMotion {
+        &self.goal.motion
+    }
+
+    /// The obstacles.
+    #[must_use]
+    pub fn obstacles(&self) -> &[Obstacle] {
+        &self.obstacles[..self.obstacle_count]
+    }
+
+    /// Takes in a message, all of it or nothing.
+    ///
+    /// # Errors
+    /// The reason for which the arm has to stop; the scene is as it was.
+    pub fn update(&mut self, message: &TaskFrames, observer: &FrameObserver) -> Result<(), Reason> {
+        let frames =
+            message.frames.get(..message.frame_count as usize).ok_or(Reason::FrameMissing)?;
+        let find = |name: &[u8; NAME_CAPACITY]| {
+            let frame = frames.iter().find(|f| f.name == *name && f.valid == 1);
+            frame.ok_or(Reason::FrameMissing).and_then(check_frame)
+        };
+        let (start, goal) = (find(&self.start.name)?, find(&self.goal.name)?);
+        let given = message
+            .obstacles
+            .get(..message.obstacle_count as usize)
+            .ok_or(Reason::ObstacleUnknown)?;
+        let mut obstacles = self.obstacles;
+        let mut count = 0;
+        for obstacle in given.iter().filter(|o| o.valid == 1) {
+            obstacles[count] = check_obstacle(obstacle)?;
+            count += 1;
+        }
+        let elapsed_s = self.time_ns.map(|last| message.time_ns.saturating_sub(last) as f64 * 1e-9);
+        self.start.observe(&start, elapsed_s, observer);
+        self.goal.observe(&goal, elapsed_s, observer);
+        self.obstacles = obstacles;
+        self.obstacle_count = count;
+        self.time_ns = Some(message.time_ns);
+        Ok(())
+    }
+}
+
+impl ObservedFrame {
+    /// Filters the derivative of the velocity into an acceleration of limited size.
+    fn observe(&mut self, now: &FrameMotion, elapsed_s: Option<f64>, observer: &FrameObserver) {
+        let (mut linear, mut angular) = (DVec3::ZERO, DVec3::ZERO);
+        if let Some(elapsed_s) = elapsed_s {
+            let last = &self.motion;
+            linear = last.linear_acceleration;
+            angular = last.angular_acceleration;
+            if elapsed_s > 0.0 {
+                let share = elapsed_s / (elapsed_s + observer.time_constant_s);
+                let rate = (now.linear_velocity - last.linear_velocity) / elapsed_s;
+                linear += (rate - linear) * share;
+                let rate = (now.angular_velocity - last.angular_velocity) / elapsed_s;
+                angular += (rate - angular) * share;
+            }
+        }
+        self.motion = FrameMotion {
+            linear_acceleration: linear.clamp_length_max(observer.linear_acceleration_max_m_s2),
+            angular_acceleration: angular
+                .clamp_length_max(observer.angular_acceleration_max_rad_s2),
+            ..*now
+        };
+    }
+}
+
+fn finite<const K: usize>(values: [f64; K]) -> Result<[f64; K], Reason> {
+    if values.iter().all(|v| v.is_finite()) { Ok(values) } else { Err(Reason::FrameNotFinite) }
+}
+
+fn check_quaternion(wxyz: [f64; 4]) -> Result<DQuat, Reason> {
+    let [w, x, y, z] = finite(wxyz)?;
+    let q = DQuat::from_xyzw(x, y, z, w);
+    if (q.length() - 1.0).abs() > QUATERNION_TOLERANCE {
+        return Err(Reason::QuaternionNotUnit);
+    }
+    Ok(q.normalize())
+}
+
+fn check_frame(frame: &Frame) -> Result<FrameMotion, Reason> {
+    Ok(FrameMotion {
+        linear_velocity: finite(frame.linear_velocity)?.into(),
+        angular_velocity: finite(frame.angular_velocity)?.into(),
+        ..FrameMotion::at_rest(Pose {
+            position: finite(frame.position)?.into(),
+            orientation: check_quaternion(frame.quaternion)?,
+        })
+    })
+}
+
+fn check_obstacle(obstacle: &tprmp_messages::Obstacle) -> Result<Obstacle, Reason> {
+    let position = DVec3::from(finite(obstacle.position)?);
+    let velocity = DVec3::from(finite(obstacle.linear_velocity)?);
+    let size = finite(obstacle.size)?;
+    match ObstacleKind::from_wire(obstacle.kind) {
+        Some(ObstacleKind::Sphere) if size[0] >= 0.0 => {
+            Ok(Obstacle::Sphere { center: position, radius: size[0], velocity })
+        }
+        Some(ObstacleKind::HalfSpace) => Ok(Obstacle::HalfSpace {
+            point: position,
+            normal: z_axis(check_quaternion(obstacle.quaternion)?),
+            velocity,
+        }),
+        _ => Err(Reason::ObstacleUnknown),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tprmp_messages::name_bytes;
+
+    const OBSERVER: FrameObserver = FrameObserver {
+        time_constant_s: 0.02,
+        linear_acceleration_max_m_s2: 30.0,
+        angular_acceleration_max_rad_s2: 60.0,
+    };
+
+    fn message() -> TaskFrames {
+        let frame = |name: &str| Frame {
+            name: name_bytes(name).unwrap(),
+            valid: 1,
+            quaternion: [1.0, 0.0, 0.0, 0.0],
+            ..Default::default()
+        };
+        let mut message =
+            TaskFrames { frame_count: 2, obstacle_count: 1, time_ns: 1, ..Default::default() };
+        message.frames[0] = frame("start");
+        message.frames[1] = frame("end");
+        message.obstacles[0] = tprmp_messages::Obstacle {
+            valid: 1,
+            quaternion: [1.0, 0.0, 0.0, 0.0],
+            size: [0.06, 0.0, 0.0],
+            ..Default::default()
+        };
+        message
+    }
+
+    fn scene() -> Scene {
+        Scene::new(name_bytes("start").unwrap(), name_bytes("end").unwrap())
+    }
+
+    #[test]
+    fn every_defect_has_its_reason_and_changes_nothing() {
+        type Edit = fn(&mut TaskFrames);
+        let cases: [(Edit, Reason); 11] = [
+            (|m| m.frames[1].valid = 0, Reason::FrameMissing),
+            (|m| m.frame_count = 1, Reason::FrameMissing),
+            (|m| m.frame_count = 99, Reason::FrameMissing),
+            (|m| m.frames[0].name[0] = b'x', Reason::FrameMissing),
+            (|m| m.frames[0].position[2] = f64::NAN, Reason::FrameNotFinite),
+            (|m| m.frames[1].angular_velocity[0] = f64::INFINITY, Reason::FrameNotFinite),
+            (|m| m.frames[1].quaternion = [1.1, 0.0, 0.0, 0.0], Reason::QuaternionNotUnit),
+            (|m| m.obstacle_count = 99, Reason::ObstacleUnknown),
+            (|m| m.obstacles[0].kind = 7, Reason::ObstacleUnknown),
+            (|m| m.obstacles[0].size[0] = -1.0, Reason::ObstacleUnknown),
+            (|m| m.obstacles[0].linear_velocity[1] = f64::NAN, Reason::FrameNotFinite),
+        ];
+        for (i, (edit, reason)) in cases.into_iter().enumerate() {
+            let mut scene = scene();
+            scene.update(&message(), &OBSERVER).unwrap();
+            let mut bad = message();
+            bad.frames[0].position[0] = 9.0;
+            edit(&mut bad);
+            assert_eq!(scene.update(&bad, &OBSERVER), Err(reason), "case {i}");
+            assert_eq!(scene.start().pose.position.x, 0.0, "case {i}");
+            assert_eq!(scene.obstacles().len(), 1, "case {i}");
+        }
+    }
+
+    #[test]
+    fn the_observer_finds_the_acceleration_of_a_circle_and_believes_no_jump() {
+        let mut scene = scene();
+        let mut message = message();
+        let (radius, omega) = (0.15, 0.94);
+        for step in 0..2000_u32 {
+            let t = f64::from(step) * 0.002;
+            message.time_ns = 1 + u64::from(step) * 2_000_000;
+            let (s, c) = (omega * t).sin_cos();
+            message.frames[1].linear_velocity = [-s * radius * omega, c * radius * omega, 0.0];
+            scene.update(&message, &OBSERVER).unwrap();
+            if step > 100 {
+                let exact = DVec3::new(-c, -s, 0.0) * (radius * omega * omega);
+                let error = (scene.goal().linear_acceleration - exact).length();
+                assert!(error < 0.03 * exact.length(), "{error}");
+            }
+        }
+        message.time_ns += 2_000_000;
+        message.frames[1].linear_velocity = [1e6, 0.0, 0.0];
+        scene.update(&message, &OBSERVER).unwrap();
+        assert!(scene.goal().linear_acceleration.length() < 30.0 + 1e-9);
+    }
+}

@@ -1,0 +1,238 @@
+//! The RMP-tree of a robot: leaves in task spaces, pulled back to the joints and resolved.
+
+use glam::{DQuat, DVec3};
+use nalgebra::{SMatrix, SVector, Vector1};
+use tprmp_model::controller_config::{ControllerConfig, ExemptObstacle, Exemption};
+use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::leaves::{CollisionAvoidance, JointDamping, Obstacle, PoseAttractor};
+use tprmp_rmpflow::natural::{Natural, ResolveError};
+use tprmp_rmpflow::skill::{Skill, SkillInertia};
+use tprmp_robot::{
+    Chain, ControlPoint, ControlPoints, Kinematics, forward_kinematics_with_velocity,
+    point_kinematics,
+};
+
+/// The tree: immutable.
+#[derive(Debug)]
+pub struct Policy<const N: usize> {
+    chain: Chain<N>,
+    skill: Skill,
+    inertia: SkillInertia,
+    joint_damping: JointDamping,
+    collision: Option<CollisionNode>,
+    lift: Option<PoseAttractor>,
+}
+
+/// The node of all control points.
+#[derive(Debug)]
+struct CollisionNode {
+    leaf: CollisionAvoidance,
+    margin_m: f64,
+    points: Vec<AvoidingPoint>,
+}
+
+#[derive(Debug)]
+struct AvoidingPoint {
+    point: ControlPoint,
+    avoids_spheres: bool,
+    avoids_half_spaces: bool,
+}
+
+/// What the tree needs between ticks, and where it puts its intermediate results.
+#[derive(Debug)]
+pub struct Workspace<const N: usize> {
+    /// Kinematics of the last evaluation.
+    pub kinematics: Kinematics<N>,
+    phase: f64,
+    orientation: DQuat,
+}
+
+/// What the tool should do.
+#[derive(Debug, Clone, Copy)]
+pub enum Task {
+    /// Follow the skill.
+    Skill,
+    /// Go to a pose.
+    Reach(Pose),
+}
+
+/// The task parameters of a tick.
+#[derive(Debug, Clone, Copy)]
+pub struct TaskParameters<'a> {
+    /// The skill's start frame.
+    pub start: FrameMotion,
+    /// The skill's goal frame.
+    pub goal_frame: FrameMotion,
+    /// What to keep away from.
+    pub obstacles: &'a [Obstacle],
+}
+
+/// What the tree decided, and what it saw.
+#[derive(Debug, Clone, Copy)]
+pub struct Decision<const N: usize> {
+    /// q̈ \[rad/s² or m/s²\].
+    pub acceleration: SVector<f64, N>,
+    /// Pose of the tool.
+    pub tool: Pose,
+    /// Goal of the skill as the frames are now.
+    pub goal: Pose,
+    /// V of the skill \[J\].
+    pub energy: f64,
+}
+
+impl<const N: usize> Workspace<N> {
+    /// A fresh workspace.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { kinematics: Kinematics::new(), phase: 0.0, orientation: DQuat::IDENTITY }
+    }
+}
+
+impl<const N: usize> Default for Workspace<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const N: usize> Policy<N> {
+    /// Builds the tree. Allocates: at start-up only.
+    #[must_use]
+    pub fn new(
+        chain: Chain<N>,
+        skill: Skill,
+        control_points: &ControlPoints,
+        config: &ControllerConfig,
+    ) -> Self {
+        let collision = config.collision.as_ref().map(|collision| CollisionNode {
+            leaf: collision.leaf(),
+            margin_m: collision.margin_m,
+            points: control_points
+                .as_slice()
+                .iter()
+                .map(|point| {
+                    let link = &chain.moving_links()[point.link].0;
+                    let avoids = |obstacle: ExemptObstacle| {
+                        !collision.exempt.contains(&Exemption { link: link.clone(), obstacle })
+                    };
+                    AvoidingPoint {
+                        point: *point,
+                        avoids_spheres: avoids(ExemptObstacle::Sphere),
+                        avoids_half_spaces: avoids(ExemptObstacle::HalfSpace),
+                    }
+                })
+                .collect(),
+        });
+        Self {
+            chain,
+            skill,
+            inertia: config.skill.inertia(),
+            joint_damping: config.joint_damping.leaf(),
+            collision,
+            lift: config.lift.map(|lift| lift.leaf()),
+        }
+    }
+
+    /// The robot.
+    #[must_use]
+    pub fn chain(&self) -> &Chain<N> {
+        &self.chain
+    }
+
+    /// Evaluates the tree  [thesis algorithm 4.1]: pushforward, leaves, pullback, resolve.
+    ///
+    /// * `q`, `qd`  joint positions and velocities, N
+    ///
+    /// Hot path: no allocation.
+    ///
+    /// # Errors
+    /// When the root cannot be resolved: the caller stops the arm.
+    pub fn evaluate(
+        &self,
+        q: &SVector<f64, N>,
+        qd: &SVector<f64, N>,
+        task: &Task,
+        parameters: &TaskParameters<'_>,
+        workspace: &mut Workspace<N>,
+    ) -> Result<Decision<N>, ResolveError> {
+        forward_kinematics_with_velocity(&self.chain, q, qd, &mut workspace.kinematics);
+        let tool = workspace.tool_pose();
+        let kinematics = &workspace.kinematics;
+        let twist = &kinematics.tool_twist;
+        let linear = DVec3::new(twist[0], twist[1], twist[2]);
+        let angular = DVec3::new(twist[3], twist[4], twist[5]);
+
+        let displacement = self.skill.map.displace(&parameters.start, &parameters.goal_frame);
+        let value = self.skill.evaluate(
+            &self.inertia,
+            &displacement,
+            &tool,
+            linear,
+            angular,
+            &mut workspace.phase,
+        );
+        let mut root: Natural<N> = self.joint_damping.evaluate(qd);
+        let leaf = match (task, &self.lift) {
+            (Task::Reach(goal), Some(lift)) => lift.evaluate(&tool, linear, angular, goal),
+            _ => value.natural,
+        };
+        root.add_pullback(&leaf, &kinematics.tool_jacobian, &kinematics.tool_jd_qd);
+        if let Some(collision) = &self.collision {
+            collision.add(&self.chain, kinematics, parameters.obstacles, &mut root);
+        }
+        let canonical = self.skill.map.canonical();
+        let grasp = canonical.goal_frame.inverse().compose(&canonical.goal);
+        Ok(Decision {
+            acceleration: root.resolve()?,
+            tool,
+            goal: parameters.goal_frame.pose.compose(&grasp),
+            energy: value.energy,
+        })
+    }
+}
+
+impl<const N: usize> Workspace<N> {
+    /// Pose of the tool, its quaternion on the hemisphere of the last one.
+    fn tool_pose(&mut self) -> Pose {
+        let orientation = self.kinematics.tool_orientation();
+        self.orientation =
+            if orientation.dot(self.orientation) < 0.0 { -orientation } else { orientation };
+        Pose { position: self.kinematics.tool_position, orientation: self.orientation }
+    }
+}
+
+impl CollisionNode {
+    /// Adds one leaf for each pair of a control point and an obstacle that are close.
+    fn add<const N: usize>(
+        &self,
+        chain: &Chain<N>,
+        kinematics: &Kinematics<N>,
+        obstacles: &[Obstacle],
+        root: &mut Natural<N>,
+    ) {
+        for AvoidingPoint { point, avoids_spheres, avoids_half_spaces } in &self.points {
+            let mut motion = None;
+            for obstacle in obstacles {
+                let avoids = match obstacle {
+                    Obstacle::Sphere { .. } => avoids_spheres,
+                    Obstacle::HalfSpace { .. } => avoids_half_spaces,
+                };
+                if !avoids {
+                    continue;
+                }
+                let motion = motion.get_or_insert_with(|| {
+                    point_kinematics(chain, kinematics, point.joint, point.centre)
+                });
+                let velocity = DVec3::from_slice(motion.velocity.as_slice());
+                let clearance =
+                    obstacle.clearance(motion.position, velocity, point.radius + self.margin_m);
+                let Some(leaf) = self.leaf.evaluate(clearance.distance, clearance.rate) else {
+                    continue;
+                };
+                let normal = clearance.normal;
+                let row = SMatrix::<f64, 1, 3>::new(normal.x, normal.y, normal.z);
+                let drift = (row * motion.jd_qd)[0] + clearance.curvature;
+                root.add_pullback(&leaf, &(row * motion.jacobian), &Vector1::new(drift));
+            }
+        }
+    }
+}

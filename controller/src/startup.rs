@@ -1,0 +1,261 @@
+//! From files to a loop that is ready to run, or a clear error.
+
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+use tprmp_messages::{ControllerPorts, Instance, ServiceError, name_bytes};
+use tprmp_model::controller_config::{self, ConfigError, ControllerConfig};
+use tprmp_model::skill_model::{self, ModelError, SkillModel};
+use tprmp_rmpflow::skill::Skill;
+use tprmp_robot::{Chain, ControlPointError, ControlPoints, UrdfError, count_joints};
+
+use crate::cycle::{Cycle, Pace};
+use crate::inputs::Scene;
+use crate::policy::Policy;
+
+/// Why the controller does not start.
+#[derive(Debug, Error)]
+pub enum StartError {
+    /// The configuration.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The robot's description.
+    #[error(transparent)]
+    Urdf(#[from] UrdfError),
+    /// The robot's collision shapes.
+    #[error("`{urdf}`: {source}")]
+    ControlPoints {
+        /// The robot's description.
+        urdf: PathBuf,
+        /// What is wrong.
+        source: ControlPointError,
+    },
+    /// Shared memory.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// The signal handlers.
+    #[error("signal handlers cannot be installed: {0}")]
+    Signals(std::io::Error),
+    /// The summary.
+    #[error("summary `{path}` cannot be written: {source}")]
+    Summary {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The joints of the robot are not those of the configuration.
+    #[error(
+        "configuration `{config}`, key `robot.joints`: expected the joints that `{urdf}` has between its root \
+         and `{tool}`, {expected:?}, found {found:?}"
+    )]
+    Joints {
+        /// The configuration.
+        config: PathBuf,
+        /// The robot's description.
+        urdf: PathBuf,
+        /// The tool's link.
+        tool: String,
+        /// Joints of the description.
+        expected: Vec<String>,
+        /// Joints of the configuration.
+        found: Vec<String>,
+    },
+    /// A link named in the configuration does not exist.
+    #[error(
+        "configuration `{config}`, key `collision.exempt`: expected a moving link of `{urdf}`, {expected:?}, \
+         found `{found}`"
+    )]
+    Link {
+        /// The configuration.
+        config: PathBuf,
+        /// The robot's description.
+        urdf: PathBuf,
+        /// Links of the description.
+        expected: Vec<String>,
+        /// Link of the configuration.
+        found: String,
+    },
+    /// The model was learned for something else.
+    #[error(
+        "model `{model}`, key `{key}`: the skill was learned for {found}, this robot's configuration \
+         `{config}` has {expected}"
+    )]
+    Mismatch {
+        /// The model.
+        model: PathBuf,
+        /// The key that does not fit.
+        key: &'static str,
+        /// What the model has.
+        found: String,
+        /// The configuration.
+        config: PathBuf,
+        /// What the robot has.
+        expected: String,
+    },
+}
+
+/// Everything a run needs, validated.
+#[derive(Debug)]
+pub struct Loaded {
+    /// The configuration.
+    pub config: ControllerConfig,
+    /// The model.
+    pub model: SkillModel,
+    /// The skill in the form in which it is evaluated.
+    pub skill: Skill,
+}
+
+/// Reads and validates configuration and model, and checks that they fit.
+///
+/// # Errors
+/// [`StartError`]; nothing has moved.
+pub fn load(config_path: &Path, model_path: &Path) -> Result<Loaded, StartError> {
+    let config = controller_config::read(config_path)?;
+    let model = skill_model::read(model_path)?;
+    let mismatch = |key, found: String, expected: String| StartError::Mismatch {
+        model: model_path.into(),
+        key,
+        found,
+        config: config_path.into(),
+        expected,
+    };
+    if model.tool_frame != config.robot.tool_link {
+        return Err(mismatch(
+            "tool_frame",
+            format!("the tool frame `{}`", model.tool_frame),
+            format!("`{}`", config.robot.tool_link),
+        ));
+    }
+    if model.manifold.dimension() > config.robot.joints.len() {
+        return Err(mismatch(
+            "manifold",
+            format!("{} of dimension {}", model.manifold, model.manifold.dimension()),
+            format!("{} joints", config.robot.joints.len()),
+        ));
+    }
+    for (key, name) in [("start_frame", &model.start_frame), ("goal_frame", &model.goal_frame)] {
+        if name_bytes(name).is_none() {
+            return Err(mismatch(
+                key,
+                format!("a frame named `{name}`"),
+                "messages with names of 1 to 24 bytes".into(),
+            ));
+        }
+    }
+    let skill = model.skill().map_err(|_| {
+        mismatch(
+            "canonical",
+            "start and goal at the same place".into(),
+            "a skill that leads from one place to another".into(),
+        )
+    })?;
+    Ok(Loaded { config, model, skill })
+}
+
+/// The robot of a configuration.
+///
+/// # Errors
+/// When the URDF is wrong, or is not of the joints and links that the configuration names.
+pub fn robot<const N: usize>(
+    config_path: &Path,
+    config: &ControllerConfig,
+) -> Result<(Chain<N>, ControlPoints), StartError> {
+    let urdf = &config.robot.urdf;
+    let chain = Chain::<N>::from_urdf(urdf, &config.robot.tool_link)?;
+    if chain.joint_names()[..] != config.robot.joints[..] {
+        return Err(StartError::Joints {
+            config: config_path.into(),
+            urdf: urdf.clone(),
+            tool: config.robot.tool_link.clone(),
+            expected: chain.joint_names().to_vec(),
+            found: config.robot.joints.clone(),
+        });
+    }
+    let links: Vec<String> = chain.moving_links().iter().map(|(name, _)| name.clone()).collect();
+    for exemption in config.collision.iter().flat_map(|c| &c.exempt) {
+        if !links.contains(&exemption.link) {
+            return Err(StartError::Link {
+                config: config_path.into(),
+                urdf: urdf.clone(),
+                expected: links,
+                found: exemption.link.clone(),
+            });
+        }
+    }
+    let points = ControlPoints::new(&chain)
+        .map_err(|source| StartError::ControlPoints { urdf: urdf.clone(), source })?;
+    Ok((chain, points))
+}
+
+/// What is done with a robot of N joints: lets a number of joints that is read at run time choose
+/// among compile-time sizes.
+pub trait WithRobot {
+    /// What comes out.
+    type Output;
+    /// Does it.
+    ///
+    /// # Errors
+    /// As the work itself.
+    fn call<const N: usize>(self) -> Result<Self::Output, StartError>;
+}
+
+/// Calls `work` with the number of joints of the configuration's robot.
+///
+/// # Errors
+/// When the URDF is wrong or has another number of joints than the configuration names.
+pub fn with_robot<W: WithRobot>(
+    config_path: &Path,
+    config: &ControllerConfig,
+    work: W,
+) -> Result<W::Output, StartError> {
+    let count = count_joints(&config.robot.urdf, &config.robot.tool_link)?;
+    match count {
+        2 => work.call::<2>(),
+        3 => work.call::<3>(),
+        4 => work.call::<4>(),
+        5 => work.call::<5>(),
+        6 => work.call::<6>(),
+        7 => work.call::<7>(),
+        8 => work.call::<8>(),
+        _ => Err(StartError::Joints {
+            config: config_path.into(),
+            urdf: config.robot.urdf.clone(),
+            tool: config.robot.tool_link.clone(),
+            expected: vec![format!("{count} joints")],
+            found: config.robot.joints.clone(),
+        }),
+    }
+}
+
+/// Builds the loop. The services are opened last: a controller that cannot run shows up nowhere.
+///
+/// # Errors
+/// [`StartError`]; nothing has moved.
+pub fn cycle<const N: usize>(
+    config_path: &Path,
+    loaded: Loaded,
+    pace: Pace,
+    until_done: bool,
+    instance: &Instance,
+) -> Result<Cycle<N>, StartError> {
+    let Loaded { config, model, skill } = loaded;
+    let (chain, points) = robot::<N>(config_path, &config)?;
+    let policy = Policy::new(chain, skill, &points, &config);
+    let frame_name = |name: &str| name_bytes(name).expect("checked by `load`");
+    let scene = Scene::new(frame_name(&model.start_frame), frame_name(&model.goal_frame));
+    let ports: ControllerPorts = instance.open_controller()?;
+    Ok(Cycle::new(policy, scene, config, pace, until_done, ports))
+}
+
+/// Writes a summary of a run.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_summary(path: &Path, summary: &serde_json::Value) -> Result<(), StartError> {
+    std::fs::write(path, format!("{summary:#}\n"))
+        .map_err(|source| StartError::Summary { path: path.into(), source })
+}

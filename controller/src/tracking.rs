@@ -1,0 +1,144 @@
+//! From the policy's acceleration to a command: the integrated reference and the impedance around
+//! it  [thesis section 4.4].
+
+use glam::DVec3;
+use nalgebra::SVector;
+use tprmp_model::controller_config::Impedance;
+use tprmp_robot::{Chain, gravity_torques, inverse_dynamics};
+
+use crate::inputs::JointState;
+use crate::limits::JointLimits;
+
+/// The integrated position and velocity that a command carries.
+#[derive(Debug, Clone, Copy)]
+pub struct Reference<const N: usize> {
+    /// q_c \[rad or m\].
+    pub position: SVector<f64, N>,
+    /// q̇_c \[rad/s or m/s\].
+    pub velocity: SVector<f64, N>,
+}
+
+impl<const N: usize> Reference<N> {
+    /// Starts from a measured state.
+    #[must_use]
+    pub fn at(state: &JointState<N>) -> Self {
+        Self { position: state.position, velocity: state.velocity }
+    }
+
+    /// Integrates an acceleration over `dt` \[s\], semi-implicitly.
+    pub fn integrate(&mut self, acceleration: &SVector<f64, N>, dt: f64) {
+        self.velocity += acceleration * dt;
+        self.position += self.velocity * dt;
+    }
+
+    /// Gives way to the measured state with the time constant `time_constant_s`, so that a push
+    /// moves the reference along and saturation winds nothing up; stays inside the limits.
+    pub fn follow(
+        &mut self,
+        measured: &JointState<N>,
+        limits: &JointLimits<N>,
+        time_constant_s: f64,
+        dt: f64,
+    ) {
+        let share = dt / (dt + time_constant_s);
+        self.position += (measured.position - self.position) * share;
+        self.velocity += (measured.velocity - self.velocity) * share;
+        for i in 0..N {
+            let most = limits.velocity_max[i];
+            self.velocity[i] = self.velocity[i].clamp(-most, most);
+        }
+    }
+}
+
+/// The acceleration that brings the reference to rest: every joint arrives at zero together, the
+/// hardest-braked one with `share` of its largest acceleration.
+#[must_use]
+pub fn braking<const N: usize>(
+    velocity: &SVector<f64, N>,
+    limits: &JointLimits<N>,
+    share: f64,
+    dt: f64,
+) -> SVector<f64, N> {
+    let longest = velocity
+        .iter()
+        .zip(limits.acceleration_max.iter())
+        .map(|(v, a)| v.abs() / (a * share))
+        .fold(dt, f64::max);
+    velocity * (-1.0 / longest)
+}
+
+/// Torques of a command.
+#[derive(Debug, Clone, Copy)]
+pub struct Torques<const N: usize> {
+    /// Without gravity \[N m or N\].
+    pub motion: SVector<f64, N>,
+    /// What holds the arm against gravity \[N m or N\].
+    pub gravity: SVector<f64, N>,
+}
+
+/// Inverse dynamics with an impedance around the reference:
+/// τ = M(q) (q̈_c + D (q̇_c − q̇) + K (q_c − q)) + h(q, q̇), gravity apart, the sum within the limits.
+///
+/// Hot path: no allocation.
+#[must_use]
+pub fn torques<const N: usize>(
+    chain: &Chain<N>,
+    limits: &JointLimits<N>,
+    impedance: &Impedance,
+    gravity_m_s2: DVec3,
+    state: &JointState<N>,
+    reference: &Reference<N>,
+    acceleration: &SVector<f64, N>,
+) -> Torques<N> {
+    let wanted = acceleration
+        + (reference.velocity - state.velocity) * impedance.damping_1_s
+        + (reference.position - state.position) * impedance.stiffness_1_s2;
+    let total = inverse_dynamics(chain, &state.position, &state.velocity, &wanted, gravity_m_s2);
+    let gravity = limits.effort(&gravity_torques(chain, &state.position, gravity_m_s2));
+    Torques { motion: limits.effort(&total) - gravity, gravity }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector2;
+
+    fn limits() -> JointLimits<2> {
+        JointLimits {
+            position_lower: Vector2::repeat(-3.0),
+            position_upper: Vector2::repeat(3.0),
+            velocity_max: Vector2::repeat(2.0),
+            acceleration_max: Vector2::new(10.0, 20.0),
+            effort_max: Vector2::repeat(100.0),
+        }
+    }
+
+    #[test]
+    fn braking_ends_at_rest_in_bounded_time_on_a_straight_line() {
+        let limits = limits();
+        let start = Vector2::new(1.5, -1.0);
+        let mut reference = Reference { position: Vector2::zeros(), velocity: start };
+        let dt = 1e-3;
+        let bound = (1.5 / (10.0 * 0.5) / dt) as usize + 2;
+        for _ in 0..bound {
+            let a = braking(&reference.velocity, &limits, 0.5, dt);
+            assert!(a[0].abs() <= 5.0 + 1e-9 && a[1].abs() <= 10.0 + 1e-9);
+            reference.integrate(&a, dt);
+            let cross = reference.velocity[0] * start[1] - reference.velocity[1] * start[0];
+            assert!(cross.abs() < 1e-9);
+        }
+        assert_eq!(reference.velocity, Vector2::zeros());
+    }
+
+    #[test]
+    fn reference_gives_way_to_the_measured_state() {
+        let measured = JointState { position: Vector2::new(0.1, 0.2), velocity: Vector2::zeros() };
+        let mut reference =
+            Reference { position: Vector2::zeros(), velocity: Vector2::new(0.5, 0.0) };
+        for _ in 0..2000 {
+            reference.follow(&measured, &limits(), 0.1, 1e-3);
+        }
+        assert!((reference.position - measured.position).norm() < 1e-6);
+        assert!(reference.velocity.norm() < 1e-6);
+    }
+}
