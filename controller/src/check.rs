@@ -1,5 +1,6 @@
 //! `controller check`: are the files right, and what does this machine lack for real time?
 
+use std::io::Write;
 use std::path::Path;
 
 use tprmp_messages::{SHARED_MEMORY_MIN_BYTES, free_shared_memory_bytes};
@@ -36,7 +37,8 @@ pub fn check(config_path: &Path, model_path: Option<&Path>) -> Result<(), StartE
 }
 
 fn line(verdict: &str, what: &str, text: &str) {
-    println!("{verdict:>4}  {what:<16} {text}");
+    // A reader that has gone away, as in `controller check … | head`, is no reason to fail.
+    let _ = writeln!(std::io::stdout(), "{verdict:>4}  {what:<16} {text}");
 }
 
 struct Describe<'a> {

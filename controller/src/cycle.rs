@@ -63,8 +63,6 @@ pub struct Cycle<const N: usize> {
     gravity_m_s2: DVec3,
     pace: Pace,
     until_done: bool,
-    ports: ControllerPorts,
-
     state: Option<Sample<RobotState>>,
     frames: Option<Sample<TaskFrames>>,
     scene: Scene,
@@ -82,6 +80,8 @@ pub struct Cycle<const N: usize> {
     command: JointCommand,
     status: ControllerStatus,
     telemetry: Telemetry,
+    /// Dropped last: a sample that is still held would keep its shared memory in use.
+    ports: ControllerPorts,
 }
 
 /// What a tick knows about the task.

@@ -1,5 +1,6 @@
 //! The command line of the controller.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -170,5 +171,5 @@ fn print_layout() {
             })
         })
         .collect();
-    println!("{}", serde_json::Value::from(fields));
+    let _ = writeln!(std::io::stdout(), "{}", serde_json::Value::from(fields));
 }

@@ -1,10 +1,12 @@
 //! The RMP-tree of a robot: leaves in task spaces, pulled back to the joints and resolved.
 
 use glam::{DQuat, DVec3};
-use nalgebra::{SMatrix, SVector, Vector1};
+use nalgebra::{SMatrix, SVector, Vector1, Vector3};
 use tprmp_model::controller_config::{ControllerConfig, ExemptObstacle, Exemption};
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
-use tprmp_rmpflow::leaves::{CollisionAvoidance, JointDamping, Obstacle, PoseAttractor};
+use tprmp_rmpflow::leaves::{
+    ApproachFunnel, Clearance, CollisionAvoidance, JointDamping, Obstacle, PoseAttractor,
+};
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::skill::{Skill, SkillInertia};
 use tprmp_robot::{
@@ -20,6 +22,7 @@ pub struct Policy<const N: usize> {
     inertia: SkillInertia,
     joint_damping: JointDamping,
     collision: Option<CollisionNode>,
+    approach: Option<ApproachFunnel>,
     lift: Option<PoseAttractor>,
 }
 
@@ -128,6 +131,7 @@ impl<const N: usize> Policy<N> {
             inertia: config.skill.inertia(),
             joint_damping: config.joint_damping.leaf(),
             collision,
+            approach: config.approach.map(|approach| approach.leaf()),
             lift: config.lift.map(|lift| lift.leaf()),
         }
     }
@@ -176,17 +180,20 @@ impl<const N: usize> Policy<N> {
             _ => value.natural,
         };
         root.add_pullback(&leaf, &kinematics.tool_jacobian, &kinematics.tool_jd_qd);
+        let canonical = self.skill.map.canonical();
+        let grasp = canonical.goal_frame.inverse().compose(&canonical.goal);
+        let goal = parameters.goal_frame.pose.compose(&grasp);
+        if let (Task::Skill, Some(funnel)) = (task, &self.approach) {
+            let frame = &parameters.goal_frame;
+            let clearance = funnel.clearance(tool.position, linear, goal.position, frame);
+            let jacobian = kinematics.tool_jacobian.fixed_rows::<3>(0).into_owned();
+            let drift = kinematics.tool_jd_qd.fixed_rows::<3>(0).into_owned();
+            add_clearance(&funnel.leaf, &clearance, &jacobian, &drift, &mut root);
+        }
         if let Some(collision) = &self.collision {
             collision.add(&self.chain, kinematics, parameters.obstacles, &mut root);
         }
-        let canonical = self.skill.map.canonical();
-        let grasp = canonical.goal_frame.inverse().compose(&canonical.goal);
-        Ok(Decision {
-            acceleration: root.resolve()?,
-            tool,
-            goal: parameters.goal_frame.pose.compose(&grasp),
-            energy: value.energy,
-        })
+        Ok(Decision { acceleration: root.resolve()?, tool, goal, energy: value.energy })
     }
 }
 
@@ -225,14 +232,26 @@ impl CollisionNode {
                 let velocity = DVec3::from_slice(motion.velocity.as_slice());
                 let clearance =
                     obstacle.clearance(motion.position, velocity, point.radius + self.margin_m);
-                let Some(leaf) = self.leaf.evaluate(clearance.distance, clearance.rate) else {
-                    continue;
-                };
-                let normal = clearance.normal;
-                let row = SMatrix::<f64, 1, 3>::new(normal.x, normal.y, normal.z);
-                let drift = (row * motion.jd_qd)[0] + clearance.curvature;
-                root.add_pullback(&leaf, &(row * motion.jacobian), &Vector1::new(drift));
+                add_clearance(&self.leaf, &clearance, &motion.jacobian, &motion.jd_qd, root);
             }
         }
+    }
+}
+
+/// Pulls a leaf on a clearance back to the joints, through the point whose clearance it is.
+///
+/// * `jacobian`, `drift`  of the point: 3×N, J̇q̇
+fn add_clearance<const N: usize>(
+    leaf: &CollisionAvoidance,
+    clearance: &Clearance,
+    jacobian: &SMatrix<f64, 3, N>,
+    drift: &Vector3<f64>,
+    root: &mut Natural<N>,
+) {
+    if let Some(leaf) = leaf.evaluate(clearance.distance, clearance.rate) {
+        let normal = clearance.normal;
+        let row = SMatrix::<f64, 1, 3>::new(normal.x, normal.y, normal.z);
+        let drift = (row * drift)[0] + clearance.curvature;
+        root.add_pullback(&leaf, &(row * jacobian), &Vector1::new(drift));
     }
 }

@@ -13,6 +13,7 @@ pub struct Course {
     lift: Option<Lift>,
     done: Done,
     stage: Stage,
+    gripper: GripperCommand,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -45,7 +46,7 @@ impl Course {
     /// A task that begins with its skill.
     #[must_use]
     pub fn new(lift: Option<Lift>, done: Done) -> Self {
-        Self { lift, done, stage: Stage::Skill }
+        Self { lift, done, stage: Stage::Skill, gripper: GripperCommand::Release }
     }
 
     /// What the tool should do now.
@@ -60,7 +61,7 @@ impl Course {
     /// What the gripper should do.
     #[must_use]
     pub fn gripper(&self) -> GripperCommand {
-        if self.lift.is_some() { GripperCommand::Grip } else { GripperCommand::Release }
+        self.gripper
     }
 
     /// Moves on: from the skill to the lift when the gripper holds, and back when it has lost the
@@ -84,6 +85,16 @@ impl Course {
             Stage::Lift { goal } => (goal, LifeCycle::Lifting),
         };
         let remaining = Remaining::between(tool, goal);
+        self.gripper = match (&self.stage, &self.lift) {
+            (Stage::Lift { .. }, _) => GripperCommand::Grip,
+            (Stage::Skill, Some(lift))
+                if remaining.distance_m < lift.grip_distance_m
+                    && remaining.angle_rad < lift.grip_angle_rad =>
+            {
+                GripperCommand::Grip
+            }
+            _ => GripperCommand::Release,
+        };
         let arrived = remaining.distance_m < self.done.distance_m
             && remaining.angle_rad < self.done.angle_rad;
         // With a gripper, reaching the skill's goal is not yet the task.
@@ -99,6 +110,8 @@ mod tests {
 
     const DONE: Done = Done { distance_m: 0.01, angle_rad: 0.05 };
     const LIFT: Lift = Lift {
+        grip_distance_m: 0.005,
+        grip_angle_rad: 0.05,
         height_m: 0.1,
         linear_inertia_kg: 1.0,
         angular_inertia_kg_m2: 0.1,
@@ -116,13 +129,17 @@ mod tests {
         let mut course = Course::new(Some(LIFT), DONE);
         let goal = at(0.5, 0.0);
         let step = |course: &mut Course, gripper, tool| course.advance(gripper, &tool, &goal).0;
+        assert_eq!(step(&mut course, GripperState::Open, at(0.4, 0.0)), LifeCycle::Running);
+        assert_eq!(course.gripper(), GripperCommand::Release, "far from the goal");
         assert_eq!(step(&mut course, GripperState::Open, at(0.5, 0.0)), LifeCycle::Running);
+        assert_eq!(course.gripper(), GripperCommand::Grip, "at the goal");
         assert_eq!(step(&mut course, GripperState::Holding, at(0.5, 0.0)), LifeCycle::Lifting);
         assert_eq!(step(&mut course, GripperState::Holding, at(0.5, 0.05)), LifeCycle::Lifting);
         assert_eq!(step(&mut course, GripperState::Holding, at(0.5, 0.099)), LifeCycle::Done);
         assert!(matches!(course.task(), Task::Reach(p) if (p.position.z - 0.1).abs() < 1e-12));
+        assert_eq!(course.gripper(), GripperCommand::Grip, "while it lifts");
         assert_eq!(step(&mut course, GripperState::Open, at(0.5, 0.09)), LifeCycle::Running);
-        assert_eq!(course.gripper(), GripperCommand::Grip);
+        assert_eq!(course.gripper(), GripperCommand::Release, "the object is lost");
     }
 
     #[test]

@@ -3,10 +3,11 @@
 //! Every key is required and none is invented: a missing or unknown key is an error that names the
 //! file, the key and what was expected. Paths are relative to the file.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
+use glam::DVec3;
 use serde::Deserialize;
-use tprmp_rmpflow::leaves::{CollisionAvoidance, JointDamping, PoseAttractor};
+use tprmp_rmpflow::leaves::{ApproachFunnel, CollisionAvoidance, JointDamping, PoseAttractor};
 use tprmp_rmpflow::skill::SkillInertia;
 
 /// Why a configuration was refused.
@@ -172,6 +173,32 @@ pub struct Collision {
     pub exempt: Vec<Exemption>,
 }
 
+/// The funnel through which the tool approaches the goal.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Approach {
+    /// Direction out of the funnel, in the skill's goal frame; any length but zero.
+    pub axis: [f64; 3],
+    /// Height of the funnel's rim above its bottom \[m\].
+    pub depth_m: f64,
+    /// Half-width of the funnel's hole \[m\].
+    pub width_m: f64,
+    /// Within this clearance of the funnel's surface the tool gives way \[m\].
+    pub activation_distance_m: f64,
+    /// Clearance below which the leaf no longer grows \[m\].
+    pub clearance_min_m: f64,
+    /// Inertia of the leaf \[kg\].
+    pub inertia_kg: f64,
+    /// Share of the inertia that speaks at any velocity.
+    pub rest_share: f64,
+    /// Approach speed that counts as fast \[m/s\].
+    pub approach_speed_m_s: f64,
+    /// Strength of the repulsion \[m²/s²\].
+    pub repulsion_m2_s2: f64,
+    /// Damping of the approach \[1/s\].
+    pub damping_1_s: f64,
+}
+
 /// Damping in joint space.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -196,6 +223,10 @@ pub struct SkillLeaf {
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lift {
+    /// The gripper closes within this distance of the goal \[m\].
+    pub grip_distance_m: f64,
+    /// … and this angle \[rad\].
+    pub grip_angle_rad: f64,
     /// How high the tool is lifted along the base's z axis \[m\].
     pub height_m: f64,
     /// Linear inertia of the attractor \[kg\].
@@ -247,6 +278,8 @@ pub struct ControllerConfig {
     pub joint_damping: JointDampingLeaf,
     /// Collision avoidance, `None` without.
     pub collision: Option<Collision>,
+    /// The funnel to the goal, `None` where it may be approached from any side.
+    pub approach: Option<Approach>,
     /// What follows once the gripper holds, `None` for a skill without a gripper.
     pub lift: Option<Lift>,
     /// When the task is done.
@@ -271,6 +304,27 @@ impl Collision {
             approach_speed_m_s: self.approach_speed_m_s,
             repulsion_m2_s2: self.repulsion_m2_s2,
             damping_1_s: self.damping_1_s,
+        }
+    }
+}
+
+impl Approach {
+    /// The leaf.
+    #[must_use]
+    pub fn leaf(&self) -> ApproachFunnel {
+        ApproachFunnel {
+            axis: DVec3::from(self.axis).normalize(),
+            depth_m: self.depth_m,
+            width_m: self.width_m,
+            leaf: CollisionAvoidance {
+                activation_distance_m: self.activation_distance_m,
+                clearance_min_m: self.clearance_min_m,
+                inertia_kg: self.inertia_kg,
+                rest_share: self.rest_share,
+                approach_speed_m_s: self.approach_speed_m_s,
+                repulsion_m2_s2: self.repulsion_m2_s2,
+                damping_1_s: self.damping_1_s,
+            },
         }
     }
 }
@@ -318,6 +372,21 @@ pub fn read(path: &Path) -> Result<ControllerConfig, ConfigError> {
     parse(&text, path)
 }
 
+/// `path` as seen from `folder`, each `..` taken back where a folder stands before it.
+fn relative_to(folder: &Path, path: &Path) -> PathBuf {
+    let mut joined = folder.to_path_buf();
+    for part in path.components() {
+        let in_folder = matches!(joined.components().next_back(), Some(Component::Normal(_)));
+        match part {
+            Component::ParentDir if in_folder => {
+                joined.pop();
+            }
+            part => joined.push(part),
+        }
+    }
+    joined
+}
+
 fn parse(text: &str, path: &Path) -> Result<ControllerConfig, ConfigError> {
     let options =
         ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
@@ -329,7 +398,7 @@ fn parse(text: &str, path: &Path) -> Result<ControllerConfig, ConfigError> {
         })?;
     config.validate(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    config.robot.urdf = folder.join(&config.robot.urdf);
+    config.robot.urdf = relative_to(folder, &config.robot.urdf);
     Ok(config)
 }
 
@@ -361,6 +430,21 @@ impl Check<'_> {
         if !(value.is_finite() && value >= 0.0) {
             self.fail(key, "a finite number of at least zero", &value);
         }
+    }
+
+    fn avoidance(&mut self, group: &str, leaf: &CollisionAvoidance) {
+        let key = |name: &str| format!("{group}.{name}");
+        self.positive(&key("activation_distance_m"), leaf.activation_distance_m);
+        self.positive(&key("clearance_min_m"), leaf.clearance_min_m);
+        if leaf.clearance_min_m >= leaf.activation_distance_m {
+            let expected = "less than activation_distance_m beside it";
+            self.fail(&key("clearance_min_m"), expected, &leaf.clearance_min_m);
+        }
+        self.positive(&key("inertia_kg"), leaf.inertia_kg);
+        self.not_negative(&key("rest_share"), leaf.rest_share);
+        self.positive(&key("approach_speed_m_s"), leaf.approach_speed_m_s);
+        self.not_negative(&key("repulsion_m2_s2"), leaf.repulsion_m2_s2);
+        self.not_negative(&key("damping_1_s"), leaf.damping_1_s);
     }
 
     fn share(&mut self, key: &str, value: f64) {
@@ -422,23 +506,21 @@ impl ControllerConfig {
         check.not_negative("joint_damping.inertia", self.joint_damping.inertia);
         check.not_negative("joint_damping.damping_1_s", self.joint_damping.damping_1_s);
         if let Some(collision) = &self.collision {
-            check.positive("collision.activation_distance_m", collision.activation_distance_m);
+            check.avoidance("collision", &collision.leaf());
             check.not_negative("collision.margin_m", collision.margin_m);
-            check.positive("collision.clearance_min_m", collision.clearance_min_m);
-            if collision.clearance_min_m >= collision.activation_distance_m {
-                check.fail(
-                    "collision.clearance_min_m",
-                    "less than collision.activation_distance_m",
-                    &collision.clearance_min_m,
-                );
+        }
+        if let Some(approach) = &self.approach {
+            let length = DVec3::from(approach.axis).length();
+            if !(length.is_finite() && length > 0.0) {
+                check.fail("approach.axis", "three finite numbers, not all zero", &approach.axis);
             }
-            check.positive("collision.inertia_kg", collision.inertia_kg);
-            check.not_negative("collision.rest_share", collision.rest_share);
-            check.positive("collision.approach_speed_m_s", collision.approach_speed_m_s);
-            check.not_negative("collision.repulsion_m2_s2", collision.repulsion_m2_s2);
-            check.not_negative("collision.damping_1_s", collision.damping_1_s);
+            check.positive("approach.depth_m", approach.depth_m);
+            check.positive("approach.width_m", approach.width_m);
+            check.avoidance("approach", &approach.leaf().leaf);
         }
         if let Some(lift) = &self.lift {
+            check.positive("lift.grip_distance_m", lift.grip_distance_m);
+            check.positive("lift.grip_angle_rad", lift.grip_angle_rad);
             check.positive("lift.height_m", lift.height_m);
             check.positive("lift.linear_inertia_kg", lift.linear_inertia_kg);
             check.positive("lift.angular_inertia_kg_m2", lift.angular_inertia_kg_m2);
@@ -494,6 +576,16 @@ mod tests {
             count += 1;
         }
         assert!(count >= 2);
+    }
+
+    #[test]
+    fn paths_are_relative_to_the_file() {
+        let urdf = Path::new("../robots/ur5.urdf");
+        let joined = |folder: &str| relative_to(Path::new(folder), urdf);
+        assert_eq!(joined("config/controllers"), Path::new("config/robots/ur5.urdf"));
+        assert_eq!(joined(""), urdf);
+        assert_eq!(joined(".."), Path::new("../../robots/ur5.urdf"));
+        assert_eq!(relative_to(Path::new("a"), Path::new("/b")), Path::new("/b"));
     }
 
     #[test]

@@ -222,6 +222,10 @@ pub struct FieldFit {
     pub goal_hessian_min_1_s2: f64,
     /// Normalised units in one physical unit, ŷ = s y.
     pub length_scale: f64,
+    /// How often the program was solved again to take away stray attractors.
+    pub repairs: u32,
+    /// Attractors besides the goal that were found and are left.
+    pub stray_attractors: u32,
 }
 
 /// Figures of the rollouts. Rotation figures are zero for skills without an orientation.
@@ -252,6 +256,8 @@ pub struct DemonstrationRollout {
     pub tracking_rms_m: f64,
     /// The same for the angle [rad].
     pub tracking_rms_rad: f64,
+    /// Root of the mean square distance to the rollout's nearest point, whatever the time [m].
+    pub path_rms_m: f64,
 }
 
 /// Where a model comes from.

@@ -6,7 +6,8 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector1, Vector3, Vector6};
 
-use crate::frame_map::{Pose, orientation_chart};
+use crate::frame_map::{FrameMotion, Pose, orientation_chart};
+use crate::jet::{Jet, Quat, Real, Vec3};
 use crate::natural::Natural;
 
 /// Collision avoidance on the clearance d between a control point and an obstacle.
@@ -85,7 +86,7 @@ pub struct Clearance {
     pub distance: f64,
     /// ḋ \[m/s\].
     pub rate: f64,
-    /// Direction in which d grows, unit.
+    /// ∂d/∂x; a unit vector where d is a distance.
     pub normal: DVec3,
     /// What d̈ is beside nᵀ times the point's acceleration \[m/s²\]; the obstacle's own
     /// acceleration is taken as zero.
@@ -117,6 +118,67 @@ impl Obstacle {
                 normal,
                 curvature: 0.0,
             },
+        }
+    }
+}
+
+/// A funnel around the approach to a goal: away from the approach axis the tool keeps above it.
+///
+/// ```text
+/// e = x − g,  e_⊥ = e − a (aᵀe)              a: approach axis, fixed in the goal frame
+/// φ = d₀ + aᵀe − h (1 − exp(−|e_⊥|²/2w²))   ≥ 0
+/// ```
+///
+/// φ is a clearance like any other, so that [`CollisionAvoidance`] with d₀ as its activation
+/// distance keeps it positive; at the goal, and above it on the axis, that leaf is silent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ApproachFunnel {
+    /// a, in the goal frame, unit.
+    pub axis: DVec3,
+    /// h \[m\].
+    pub depth_m: f64,
+    /// w \[m\].
+    pub width_m: f64,
+    /// d₀ and the leaf on φ.
+    pub leaf: CollisionAvoidance,
+}
+
+impl ApproachFunnel {
+    /// φ for a tool at `point` moving with `velocity`, when the goal is at `goal` in the moving
+    /// frame `frame`.
+    #[must_use]
+    pub fn clearance(
+        &self,
+        point: DVec3,
+        velocity: DVec3,
+        goal: DVec3,
+        frame: &FrameMotion,
+    ) -> Clearance {
+        let turn = Quat::moving(
+            frame.pose.orientation,
+            frame.angular_velocity,
+            frame.angular_acceleration,
+        );
+        let origin =
+            Vec3::moving(frame.pose.position, frame.linear_velocity, frame.linear_acceleration);
+        let lever = frame.pose.orientation.conjugate() * (goal - frame.pose.position);
+        let away = Vec3::moving(point, velocity, DVec3::ZERO)
+            .minus(origin.plus(turn.rotate(Vec3::constant(lever))));
+        let axis = turn.rotate(Vec3::constant(self.axis));
+        let along = axis.dot(away);
+        let sideways = away.minus(axis.times(along));
+        let scaled = sideways.dot(sideways) * Jet::constant(-0.5 / (self.width_m * self.width_m));
+        let share = scaled.value().exp();
+        let bell = scaled.chain([share, share, share]);
+        let start = Jet::constant(self.leaf.activation_distance_m - self.depth_m);
+        let clearance = start + along + bell * Jet::constant(self.depth_m);
+        let value = |v: Vec3<Jet>| DVec3::from_array(v.0.map(Real::value));
+        let steepness = self.depth_m * share / (self.width_m * self.width_m);
+        Clearance {
+            distance: clearance.0,
+            rate: clearance.1,
+            normal: value(axis) - value(sideways) * steepness,
+            curvature: clearance.2,
         }
     }
 }
@@ -279,6 +341,57 @@ mod tests {
             assert!((b.rate - (c.distance - a.distance) / (2.0 * h)).abs() < 1e-7);
             let second = (c.distance - 2.0 * b.distance + a.distance) / (h * h);
             assert!((b.curvature - second).abs() < 1e-5, "{} {second}", b.curvature);
+        }
+    }
+
+    const FUNNEL: ApproachFunnel =
+        ApproachFunnel { axis: DVec3::Z, depth_m: 0.05, width_m: 0.01, leaf: LEAF };
+
+    #[test]
+    fn funnel_is_open_on_the_axis_and_closed_beside_it() {
+        let frame = FrameMotion::at_rest(Pose::IDENTITY);
+        let goal = DVec3::new(0.1, 0.0, 0.2);
+        let at = |point: DVec3| FUNNEL.clearance(point, DVec3::ZERO, goal, &frame).distance;
+        assert!((at(goal) - LEAF.activation_distance_m).abs() < 1e-15);
+        assert!(LEAF.evaluate(at(goal + DVec3::Z * 0.01), -0.1).is_none());
+        let beside = at(goal + DVec3::X * 0.1);
+        assert!((beside - (LEAF.activation_distance_m - 0.05)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn funnel_of_a_moving_goal_changes_as_its_rate_gradient_and_curvature_say() {
+        let omega = 0.8;
+        let frame = |t: f64| {
+            let spin = DQuat::from_rotation_x(omega * t) * DQuat::from_rotation_y(0.2);
+            FrameMotion {
+                linear_velocity: DVec3::new(0.1, 0.2 * t, 0.0),
+                linear_acceleration: DVec3::new(0.0, 0.2, 0.0),
+                angular_velocity: DVec3::X * omega,
+                ..FrameMotion::at_rest(Pose {
+                    position: DVec3::new(0.1 * t, 0.1 * t * t, 0.3),
+                    orientation: spin,
+                })
+            }
+        };
+        let lever = DVec3::new(0.01, -0.02, 0.03);
+        let goal = |t: f64| frame(t).pose.position + frame(t).pose.orientation * lever;
+        let start = goal(0.3) + DVec3::new(0.006, -0.004, 0.02);
+        let velocity = DVec3::new(0.05, -0.1, 0.2);
+        let at = |t: f64| {
+            let point = start + velocity * (t - 0.3);
+            FUNNEL.clearance(point, velocity, goal(t), &frame(t))
+        };
+        let h = 1e-4;
+        let (a, b, c) = (at(0.3 - h), at(0.3), at(0.3 + h));
+        assert!((b.rate - (c.distance - a.distance) / (2.0 * h)).abs() < 1e-5);
+        let second = (c.distance - 2.0 * b.distance + a.distance) / (h * h);
+        assert!((b.curvature - second).abs() < 1e-3 * second.abs(), "{} {second}", b.curvature);
+        for direction in [DVec3::X, DVec3::Y, DVec3::Z] {
+            let shifted = |s: f64| {
+                FUNNEL.clearance(start + direction * s, velocity, goal(0.3), &frame(0.3)).distance
+            };
+            let slope = (shifted(1e-6) - shifted(-1e-6)) / 2e-6;
+            assert!((b.normal.dot(direction) - slope).abs() < 1e-6);
         }
     }
 

@@ -1,0 +1,272 @@
+//! Model files: what is written comes back, and what is wrong is refused by name.
+
+use std::path::PathBuf;
+
+use nalgebra::Vector2;
+use tprmp_model::skill_model::{
+    Background, Canonical, Component, DemonstrationRollout, FieldFit, FieldModel, Fit, Gaussian,
+    Manifold, ModelError, Pose, Provenance, Rollouts, SkillModel, Source, read, to_text, write,
+};
+
+/// A folder of this test alone, removed at its end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("tprmp-model-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn file(&self) -> PathBuf {
+        self.0.join("skill.model.ron")
+    }
+
+    /// What reading this text says.
+    fn refusal(&self, text: &str) -> ModelError {
+        std::fs::write(self.file(), text).unwrap();
+        let error = read(&self.file()).unwrap_err();
+        let message = error.to_string();
+        assert!(message.contains("skill.model.ron"), "`{message}` names the file");
+        error
+    }
+
+    /// What reading this model, with a right checksum, says.
+    fn invalid(&self, change: impl FnOnce(&mut SkillModel)) -> (String, String) {
+        let mut model = model();
+        change(&mut model);
+        match self.refusal(&to_text(&model)) {
+            ModelError::Invalid { key, problem, .. } => (key, problem),
+            other => panic!("expected an invalid value, found: {other}"),
+        }
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        std::fs::remove_dir_all(&self.0).unwrap();
+    }
+}
+
+fn model() -> SkillModel {
+    let pose = |x: f64| Pose { position_m: [x, 0.0, 0.0], quaternion_wxyz: [1.0, 0.0, 0.0, 0.0] };
+    let component = |x: f64, size: f64, potential: f64| Component {
+        mean: vec![x, 0.0],
+        precision: vec![vec![2.0 * size, 0.1], vec![0.1, 3.0]],
+        metric: vec![vec![size, 0.0], vec![0.0, size]],
+        potential,
+        gradient: vec![-potential, 0.0],
+        hessian: vec![vec![1.0, 0.2], vec![0.2, 1.0]],
+    };
+    SkillModel {
+        skill: "line".into(),
+        manifold: Manifold::R2,
+        tool_frame: "point".into(),
+        start_frame: "start".into(),
+        goal_frame: "end".into(),
+        canonical: Canonical { start: pose(0.0), goal_frame: pose(1.0), goal: pose(1.0) },
+        position: FieldModel {
+            damping_1_s: 8.0,
+            components: vec![component(0.3, 1.7, 4.0 / 3.0), component(1.0, 1.0, 0.0)],
+            background: Background {
+                exponent: -10.125,
+                metric: 1.0,
+                offset: 0.0,
+                slope: 2.0,
+                softening: 0.1,
+            },
+        },
+        orientation: None,
+        gaussians: vec![Gaussian {
+            prior: 1.0,
+            phase: 0.5,
+            mean: vec![0.5, 0.0],
+            covariance: vec![vec![0.1, 0.01], vec![0.01, 0.1]],
+        }],
+        fit: Fit {
+            em_iterations: 15,
+            em_log_likelihood: 1.5,
+            position: FieldFit {
+                status: "Solved".into(),
+                iterations: 17,
+                objective: 0.02,
+                residual: 0.01,
+                hinge: 0.0,
+                hinge_violated_share: 0.0,
+                goal_hessian_min_1_s2: 6.0,
+                length_scale: 1.0,
+                repairs: 0,
+                stray_attractors: 0,
+            },
+            orientation: None,
+            rollouts: Rollouts {
+                demonstrations: vec![DemonstrationRollout {
+                    name: "line_01.json".into(),
+                    goal_error_m: 1e-9,
+                    goal_error_rad: 0.0,
+                    tracking_rms_m: 0.001,
+                    tracking_rms_rad: 0.0,
+                    path_rms_m: 0.0005,
+                }],
+                random_starts: 10,
+                random_starts_reached: 10,
+                energy_rise_max: 1e-17,
+            },
+        },
+        provenance: Provenance {
+            tool_version: "0.1.0".into(),
+            seed: 1,
+            demonstrations: vec![Source { file: "line_01.json".into(), sha256: "00".into() }],
+            hyper_parameters: vec![("mixture.components".into(), "1".into())],
+        },
+    }
+}
+
+#[test]
+fn what_is_written_comes_back_and_always_as_the_same_bytes() {
+    let folder = Folder::new("round");
+    write(&model(), &folder.file()).unwrap();
+    assert_eq!(read(&folder.file()).unwrap(), model());
+    let text = std::fs::read_to_string(folder.file()).unwrap();
+    assert_eq!(text, to_text(&model()));
+    assert!(text.contains("schema: \"tprmp-model/1\""));
+    let left: Vec<_> = std::fs::read_dir(&folder.0).unwrap().collect();
+    assert_eq!(left.len(), 1, "no half-written file stays");
+}
+
+#[test]
+fn layout_and_comments_are_free() {
+    let folder = Folder::new("layout");
+    let text = to_text(&model()).replace("body: (", "// the skill\nbody:\n (");
+    std::fs::write(folder.file(), text).unwrap();
+    assert_eq!(read(&folder.file()).unwrap(), model());
+}
+
+#[test]
+fn missing_and_truncated_files_are_named() {
+    let folder = Folder::new("truncated");
+    let missing = read(&folder.file()).unwrap_err();
+    assert!(matches!(missing, ModelError::Read { .. }));
+    assert!(missing.to_string().contains("skill.model.ron"));
+    let text = to_text(&model());
+    for share in [0.0, 0.01, 0.3, 0.9] {
+        let cut = (text.len() as f64 * share) as usize;
+        let error = folder.refusal(&text[..cut]);
+        assert!(matches!(error, ModelError::Syntax { .. }), "{error}");
+        assert!(error.to_string().contains("truncated"), "{error}");
+    }
+}
+
+#[test]
+fn a_changed_number_breaks_the_checksum() {
+    let folder = Folder::new("checksum");
+    let text = to_text(&model());
+    let changed = text.replacen("1.7", "1.8", 1);
+    assert_ne!(changed, text);
+    assert!(matches!(folder.refusal(&changed), ModelError::Checksum { .. }));
+}
+
+#[test]
+fn another_schema_is_told_before_its_body_is_looked_at() {
+    let folder = Folder::new("schema");
+    let error = folder.refusal("(schema: \"tprmp-model/2\", checksum: \"\", body: (new: [1, 2]))");
+    match error {
+        ModelError::Schema { found, .. } => assert_eq!(found, "tprmp-model/2"),
+        other => panic!("{other}"),
+    }
+}
+
+#[test]
+fn unknown_keys_are_refused() {
+    let folder = Folder::new("unknown");
+    let text = to_text(&model()).replacen("damping_1_s:", "dampening: 1.0, damping_1_s:", 1);
+    let error = folder.refusal(&text);
+    assert!(matches!(error, ModelError::Syntax { .. }));
+    assert!(error.to_string().contains("dampening"), "{error}");
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_named() {
+    let folder = Folder::new("finite");
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let (key, problem) = folder.invalid(|m| m.position.components[0].gradient[1] = bad);
+        assert_eq!(key, "position.components[0].gradient");
+        assert!(problem.contains("finite"));
+        assert_eq!(
+            folder.invalid(|m| m.canonical.goal.position_m[2] = bad).0,
+            "canonical.goal.position_m"
+        );
+        assert_eq!(
+            folder.invalid(|m| m.position.background.slope = bad).0,
+            "position.background.slope"
+        );
+        assert_eq!(folder.invalid(|m| m.gaussians[0].mean[0] = bad).0, "gaussians[0].mean");
+    }
+}
+
+#[test]
+fn metrics_that_are_not_positive_definite_are_named() {
+    let folder = Folder::new("definite");
+    let (key, problem) =
+        folder.invalid(|m| m.position.components[0].metric = vec![vec![1.0, 2.0], vec![2.0, 1.0]]);
+    assert_eq!(key, "position.components[0].metric");
+    assert!(problem.contains("positive definite"));
+    let skew = vec![vec![1.0, 0.2], vec![0.1, 1.0]];
+    let (key, problem) = folder.invalid(|m| m.position.components[0].precision = skew);
+    assert_eq!(key, "position.components[0].precision");
+    assert!(problem.contains("symmetric"));
+    assert_eq!(
+        folder.invalid(|m| m.gaussians[0].covariance[1][1] = -1.0).0,
+        "gaussians[0].covariance"
+    );
+}
+
+#[test]
+fn the_goal_s_component_is_normalised_and_at_the_goal() {
+    let folder = Folder::new("goal");
+    let goal = |key: &str| format!("position.components[1].{key}");
+    assert_eq!(folder.invalid(|m| m.position.components[1].metric[0][0] = 2.0).0, goal("metric"));
+    assert_eq!(folder.invalid(|m| m.position.components[1].potential = 1.0).0, goal("potential"));
+    assert_eq!(folder.invalid(|m| m.position.components[1].gradient[0] = 1.0).0, goal("gradient"));
+    assert_eq!(folder.invalid(|m| m.position.components[1].mean[0] = 0.9).0, "position.components");
+}
+
+#[test]
+fn dimensions_names_and_poses_are_checked() {
+    let folder = Folder::new("shape");
+    assert_eq!(folder.invalid(|m| m.tool_frame.clear()).0, "tool_frame");
+    assert_eq!(folder.invalid(|m| m.manifold = Manifold::R3).0, "position.components[0].mean");
+    assert_eq!(folder.invalid(|m| m.orientation = Some(m.position.clone())).0, "orientation");
+    assert_eq!(folder.invalid(|m| m.position.damping_1_s = 0.0).0, "position.damping_1_s");
+    assert_eq!(folder.invalid(|m| m.gaussians.clear()).0, "gaussians");
+    assert_eq!(
+        folder.invalid(|m| m.canonical.start.quaternion_wxyz[0] = 0.9).0,
+        "canonical.start.quaternion_wxyz"
+    );
+    assert_eq!(folder.invalid(|m| m.canonical.start = m.canonical.goal).0, "canonical.goal");
+    let many =
+        |m: &mut SkillModel| m.position.components = vec![m.position.components[0].clone(); 99];
+    assert_eq!(folder.invalid(many).0, "position.components");
+}
+
+#[test]
+fn an_invalid_model_is_not_written() {
+    let folder = Folder::new("write");
+    let mut broken = model();
+    broken.position.background.metric = -1.0;
+    let error = write(&broken, &folder.file()).unwrap_err();
+    assert!(matches!(error, ModelError::Invalid { .. }));
+    assert!(!folder.file().exists());
+    let nowhere = folder.0.join("missing/skill.model.ron");
+    assert!(matches!(write(&model(), &nowhere).unwrap_err(), ModelError::Write { .. }));
+}
+
+#[test]
+fn the_field_is_the_one_that_is_stored() {
+    let stored = model().position;
+    let field = stored.field::<2>();
+    assert_eq!(field.goal(), Vector2::new(1.0, 0.0));
+    let parts = FieldModel::from_parts(field.components(), stored.background.into(), 8.0);
+    assert_eq!(parts, stored);
+    assert_eq!(field.evaluate(&Vector2::zeros(), &Vector2::zeros()).damping, 8.0);
+}
