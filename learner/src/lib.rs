@@ -1,1 +1,21 @@
-//! Learns a frozen model from demonstrations.
+//! Learns a frozen model from demonstrations: one skill, one convex program a block.
+//!
+//! [`train::train`] is the whole way: demonstrations → canonical coordinates ([`canonical`],
+//! [`savitzky_golay`]) → Gaussian mixture ([`em`]) → field of each block ([`basis`], [`fit`]) →
+//! rollouts ([`verify`]) → model.
+
+pub mod attractors;
+pub mod basis;
+pub mod canonical;
+pub mod conic;
+pub mod demonstration;
+pub mod em;
+pub mod error;
+pub mod fit;
+pub mod import;
+pub mod report;
+pub mod savitzky_golay;
+pub mod skill;
+pub mod targets;
+pub mod train;
+pub mod verify;

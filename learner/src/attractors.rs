@@ -1,0 +1,78 @@
+//! Looks for points other than the goal at which a field comes to rest.
+
+use nalgebra::SVector;
+use tprmp_rmpflow::field::Field;
+
+/// Step of the flow [s].
+const STEP_S: f64 = 0.02;
+/// Bound on the steps of one flow: 20 s.
+const STEPS_MAX: u32 = 1000;
+/// Nearer to the goal than this, the goal is reached: its Hessian is checked on its own [ŷ].
+const REACHED: f64 = 0.03;
+/// Slower than this the flow is at rest [ŷ/s].
+const REST_SPEED: f64 = 1e-4;
+/// Ends nearer to each other than this are the same [ŷ].
+const SAME: f64 = 0.05;
+
+/// Follows the overdamped flow ẏ = −M⁻¹∇Φ/d from each start, and returns where it ends elsewhere
+/// than at the goal, each place once. The flow rests where the policy rests, and only there.
+#[must_use]
+pub fn stray_attractors<const D: usize>(
+    field: &Field<D>,
+    starts: impl Iterator<Item = SVector<f64, D>>,
+) -> Vec<SVector<f64, D>> {
+    let goal = field.goal();
+    let rest = SVector::zeros();
+    let mut found: Vec<SVector<f64, D>> = Vec::new();
+    'starts: for start in starts {
+        let mut y = start;
+        for _ in 0..STEPS_MAX {
+            if (y - goal).norm() < REACHED {
+                continue 'starts;
+            }
+            let value = field.evaluate(&y, &rest);
+            let Some(factor) = value.metric.cholesky() else { break };
+            let velocity = factor.solve(&value.gradient) / -value.damping;
+            if velocity.norm() < REST_SPEED {
+                break;
+            }
+            y += velocity * STEP_S;
+        }
+        if found.iter().all(|other| (other - y).norm() > SAME) {
+            found.push(y);
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix2, Vector2};
+    use tprmp_rmpflow::field::{Background, Component};
+
+    /// Two wells, the second one the goal's.
+    fn wells(depth: f64) -> Field<2> {
+        let component = |x: f64, potential: f64| Component {
+            mean: Vector2::new(x, 0.0),
+            precision: Matrix2::identity() * 10.0,
+            metric: Matrix2::identity(),
+            potential,
+            gradient: Vector2::zeros(),
+            hessian: Matrix2::identity() * 20.0,
+        };
+        let background =
+            Background { exponent: -8.0, metric: 1.0, offset: 3.0, slope: 9.0, softening: 0.3 };
+        Field::new(&[component(-1.5, depth), component(0.0, 0.0)], background, 8.0).unwrap()
+    }
+
+    #[test]
+    fn a_second_well_is_found_once_and_one_well_is_none() {
+        let starts = || (0..40).map(|i| Vector2::new(-2.0 + 0.1 * f64::from(i), 0.3));
+        let found = stray_attractors(&wells(1.0), starts());
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!((found[0] - Vector2::new(-1.5, 0.0)).norm() < 0.2);
+        let one = stray_attractors(&wells(1.0), starts().filter(|y| y[0] > -0.4));
+        assert!(one.is_empty(), "{one:?}");
+    }
+}

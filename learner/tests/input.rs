@@ -1,0 +1,269 @@
+//! Demonstrations, skill files and foreign files: what is wrong is refused by file and key.
+
+mod common;
+
+use std::path::Path;
+
+use common::{Folder, arcs, skill_file, skill_text};
+use tprmp_learner::demonstration::{self, read, read_folder, to_text};
+use tprmp_learner::import::{Selection, import};
+use tprmp_learner::skill::Skill;
+use tprmp_model::skill_model::Manifold;
+
+fn text(manifold: Manifold) -> String {
+    to_text(&arcs(manifold)[0], "start", "end")
+}
+
+/// What reading this text as a demonstration says; it names the file and `expected`.
+#[track_caller]
+fn refused(text: &str, expected: &[&str]) {
+    let folder = Folder::new(&format!("refused-{}", std::panic::Location::caller().line()));
+    let path = folder.write("shown.json", text);
+    let message = read(&path, "start", "end").unwrap_err().to_string();
+    for part in expected.iter().chain(&["shown.json"]) {
+        assert!(message.contains(part), "`{message}` does not say `{part}`");
+    }
+}
+
+/// The text with one sample replaced.
+fn with_sample(manifold: Manifold, sample: &str) -> String {
+    let text = text(manifold);
+    let mut lines: Vec<&str> = text.lines().collect();
+    let first = lines.iter().position(|line| line.contains("samples")).unwrap() + 1;
+    let row = format!("{sample},");
+    lines[first + 3] = &row;
+    lines.join("\n")
+}
+
+#[test]
+fn a_written_demonstration_comes_back() {
+    for manifold in [Manifold::R2, Manifold::R3S3] {
+        let folder = Folder::new(&format!("back-{manifold}"));
+        let written = &arcs(manifold)[0];
+        let path = folder.write("made_up_01.json", &to_text(written, "start", "end"));
+        let back = read(&path, "start", "end").unwrap();
+        assert_eq!((&back.name, &back.skill), (&written.name, &written.skill));
+        assert_eq!((back.manifold, back.sampling_time_s), (manifold, 0.02));
+        assert_eq!(back.poses.len(), written.poses.len());
+        for (a, b) in back.poses.iter().zip(&written.poses) {
+            assert!((a.position - b.position).length() < 2e-6);
+            assert!(a.rotation_from(b).length() < 1e-5);
+            assert!((a.orientation.length() - 1.0).abs() < 1e-12);
+        }
+    }
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_named() {
+    for bad in ["NaN", "Infinity", "-Infinity", "null"] {
+        refused(&with_sample(Manifold::R2, &format!("[0.1, {bad}]")), &["samples[3][1]", "finite"]);
+    }
+    refused(&with_sample(Manifold::R2, "[0.1, 1e999]"), &["line", "out of range"]);
+    let text =
+        text(Manifold::R2).replacen("\"sampling_time_s\": 0.02", "\"sampling_time_s\": NaN", 1);
+    refused(&text, &["sampling_time_s"]);
+}
+
+#[test]
+fn rows_of_another_length_are_named() {
+    refused(&with_sample(Manifold::R2, "[0.1]"), &["samples[3]", "expected 2 numbers, found 1"]);
+    refused(&with_sample(Manifold::R3S3, "[0.1, 0.2, 0.3]"), &["samples[3]", "7 numbers"]);
+}
+
+#[test]
+fn quaternions_that_are_not_unit_are_named_and_nearly_unit_ones_normalised() {
+    refused(
+        &with_sample(Manifold::R3S3, "[0, 0, 0, 0.5, 0, 0, 0]"),
+        &["samples[3]", "unit quaternion", "0.5"],
+    );
+    let folder = Folder::new("nearly");
+    let path =
+        folder.write("shown.json", &with_sample(Manifold::R3S3, "[0, 0, 0, 1.0005, 0, 0, 0]"));
+    let shown = read(&path, "start", "end").unwrap();
+    assert!((shown.poses[3].orientation.length() - 1.0).abs() < 1e-12);
+    let frame =
+        text(Manifold::R2).replacen("\"quaternion_wxyz\": [1", "\"quaternion_wxyz\": [2", 1);
+    refused(&frame, &["frames.start.quaternion_wxyz", "unit"]);
+}
+
+#[test]
+fn frames_that_are_missing_or_unknown_are_named() {
+    let missing = text(Manifold::R2).replace("\"end\":", "\"box\":");
+    refused(&missing, &["frames.box", "unknown", "`start` and `end`"]);
+    let lines: Vec<_> = text(Manifold::R2)
+        .lines()
+        .filter(|line| !line.starts_with("\"end\""))
+        .map(|line| line.strip_suffix("]},").map_or(line.into(), |l| format!("{l}]}}")))
+        .collect();
+    refused(&lines.join("\n"), &["frames.end", "found only [start]"]);
+    let tilted = text(Manifold::R2).replacen("[1.000000, 0.000000,", "[0.8, 0.6,", 1);
+    refused(&tilted, &["frames.start.quaternion_wxyz", "about z"]);
+}
+
+#[test]
+fn too_few_points_are_named() {
+    for count in [0, 1, 9] {
+        let mut shown = arcs(Manifold::R2)[0].clone();
+        shown.poses.truncate(count);
+        let found = format!("at least 10 points, found {count}");
+        refused(&to_text(&shown, "start", "end"), &["samples", &found]);
+    }
+    let mut still = arcs(Manifold::R2)[0].clone();
+    still.poses = vec![still.poses[0]; 30];
+    refused(&to_text(&still, "start", "end"), &["samples", "never moves"]);
+}
+
+#[test]
+fn wrong_manifolds_columns_times_and_schemas_are_named() {
+    let good = text(Manifold::R2);
+    refused(&good.replace("\"R2\"", "\"R7\""), &["manifold", "R7"]);
+    refused(&good.replace("\"R2\"", "\"R3\""), &["columns", "z_m"]);
+    refused(&good.replace("\"y_m\"", "\"z_m\""), &["columns"]);
+    for time in ["0", "-0.02"] {
+        refused(
+            &good.replace("\"sampling_time_s\": 0.02", &format!("\"sampling_time_s\": {time}")),
+            &["sampling_time_s", "positive"],
+        );
+    }
+    refused(&good.replace("demonstration/1", "demonstration/2"), &["schema", "demonstration/2"]);
+    refused("{\"name\": \"C\", \"dt\": 0.01}", &["schema", "found `none`"]);
+    refused(&good.replace("\"skill\"", "\"skil\""), &["skil", "line"]);
+}
+
+#[test]
+fn truncated_and_corrupted_files_are_named() {
+    let good = text(Manifold::R2);
+    refused(&good[..good.len() / 2], &["line", "truncated"]);
+    refused("", &["truncated"]);
+    refused(&good.replacen("[0.", "[zero.", 1), &["line"]);
+    let missing = read(Path::new("/nowhere/shown.json"), "start", "end").unwrap_err().to_string();
+    assert!(missing.contains("/nowhere/shown.json"));
+}
+
+#[test]
+fn demonstrations_of_a_folder_belong_together() {
+    let folder = Folder::new("together");
+    let path = folder.path().to_owned();
+    let say = |skill: &str, manifold| {
+        read_folder(&path, skill, manifold, "start", "end").unwrap_err().to_string()
+    };
+    assert!(say("made_up", Manifold::R2).contains("at least one"));
+    folder.demonstrations(".", &arcs(Manifold::R2));
+    let all = read_folder(&path, "made_up", Manifold::R2, "start", "end").unwrap();
+    let names: Vec<_> = all.iter().map(|d| d.name.as_str()).collect();
+    assert_eq!(names, ["made_up_01.json", "made_up_02.json", "made_up_03.json"]);
+    assert!(all.iter().all(|d| d.sha256.len() == 64));
+    assert!(say("other", Manifold::R2).contains("key `skill`"));
+    assert!(say("made_up", Manifold::R3S3).contains("key `manifold`"));
+    assert!(demonstration::read_folder(&path.join("no"), "", Manifold::R2, "a", "b").is_err());
+}
+
+#[test]
+fn the_repository_s_skill_files_are_valid() {
+    assert_eq!(Skill::read(&skill_file("pick.ron")).unwrap().manifold, Manifold::R3S3);
+    assert_eq!(Skill::read(&skill_file("planar.ron")).unwrap().manifold, Manifold::R2);
+}
+
+#[test]
+fn wrong_skill_files_are_refused_by_key_and_place() {
+    let folder = Folder::new("skill");
+    let good = skill_text("planar.ron");
+    let say = |text: String| {
+        let path = folder.write("skill.ron", &text);
+        let message = Skill::read(&path).unwrap_err().to_string();
+        assert!(message.contains("skill.ron"), "{message}");
+        message
+    };
+    let unknown = say(good.replace("damping_1_s: 8.0", "dampening: 8.0"));
+    assert!(unknown.contains("dampening") && unknown.contains("line"), "{unknown}");
+    let missing = say(good.replace("damping_1_s: 8.0,", ""));
+    assert!(missing.contains("damping_1_s"), "{missing}");
+    let negative = say(good.replace("damping_1_s: 8.0", "damping_1_s: -8.0"));
+    assert!(negative.contains("field.damping_1_s") && negative.contains("-8"), "{negative}");
+    let many = say(good.replace("components: 9", "components: 900"));
+    assert!(many.contains("mixture.components") && many.contains("900"), "{many}");
+    let schema = say(good.replace("tprmp-skill/1", "tprmp-skill/0"));
+    assert!(schema.contains("key `schema`"), "{schema}");
+    let text = say(good.replace("components: 9", "components: nine"));
+    assert!(text.contains("line"), "{text}");
+    assert!(say(good[..200].into()).contains("line"));
+}
+
+const FOREIGN_PLANAR: &str = r#"{"name": "C", "dt": 0.01, "manifold": "R2", "demonstrations": [
+ {"frames": {"start": {"A": [[0.0, -1.0], [1.0, 0.0]], "b": [0.5, 1.0]},
+             "end": {"A": [[1.0, 0.0], [0.0, 1.0]], "b": [2.0, 3.0]}},
+  "reference_frames": {}, "positions": [POSITIONS]}]}"#;
+
+fn foreign_planar() -> String {
+    let rows: Vec<_> = (0..20).map(|i| format!("[0.{i:02}, {i}.5]")).collect();
+    FOREIGN_PLANAR.replace("POSITIONS", &rows.join(", "))
+}
+
+#[test]
+fn planar_foreign_files_are_imported_with_their_frames() {
+    let folder = Folder::new("foreign-planar");
+    let foreign = folder.write("C.json", &foreign_planar());
+    let selection = Selection { skill: Some("arc".into()), tag: None };
+    let written = import(&foreign, &folder.path().join("out/deep"), &selection).unwrap();
+    assert_eq!(written.len(), 1);
+    let shown = read(&written[0], "start", "end").unwrap();
+    assert_eq!((shown.skill.as_str(), shown.manifold), ("arc", Manifold::R2));
+    assert_eq!(shown.poses.len(), 20);
+    assert_eq!(shown.poses[3].position.to_array(), [0.03, 3.5, 0.0]);
+    assert_eq!(shown.start.position.to_array(), [0.5, 1.0, 0.0]);
+    let turned = shown.start.orientation * glam::DVec3::X;
+    assert!((turned - glam::DVec3::Y).length() < 1e-5);
+}
+
+#[test]
+fn poses_are_imported_by_their_tag() {
+    let frame = r#"{"position": [0.1, 0.2, 0.3], "quaternion": [0.6, 0.0, 0.8, 0.0]}"#;
+    let one = |tag: &str| {
+        let rows: Vec<_> =
+            (0..12).map(|i| format!("[0.{i:02}, 0, 0, 1.0, 0.0, 0.0, 0.0]")).collect();
+        format!(
+            r#"{{"tag": "{tag}", "frames": {{"ee_frame": {frame}, "obj_frame": {frame}}}, "positions": [{}]}}"#,
+            rows.join(", ")
+        )
+    };
+    let text = format!(
+        r#"{{"name": "grasp", "dt": 0.005, "manifold": "R3xS3", "quaternion_order": "wxyz",
+        "demonstrations": [{}, {}, {}]}}"#,
+        one("top"),
+        one("side"),
+        one("top")
+    );
+    let folder = Folder::new("foreign-poses");
+    let foreign = folder.write("grasp.json", &text);
+    let out = folder.path().join("out");
+    let tagged = |tag: Option<&str>| Selection { skill: None, tag: tag.map(String::from) };
+    let message = |tag| import(&foreign, &out, &tagged(tag)).unwrap_err().to_string();
+    assert!(message(None).contains("`side`, `top`"));
+    assert!(message(Some("bottom")).contains("bottom"));
+    let written = import(&foreign, &out, &tagged(Some("top"))).unwrap();
+    assert_eq!(written.len(), 2);
+    let shown = read(&written[1], "ee_start", "object").unwrap();
+    assert_eq!((shown.skill.as_str(), shown.sampling_time_s), ("grasp", 0.005));
+    assert!((shown.goal_frame.orientation.y - 0.8).abs() < 1e-6);
+
+    folder.write("grasp.json", &text.replace("\"wxyz\"", "\"xyzw\""));
+    assert!(message(Some("top")).contains("quaternion_order"));
+}
+
+#[test]
+fn wrong_foreign_files_are_refused_by_key() {
+    let folder = Folder::new("foreign-wrong");
+    let say = |text: String| {
+        let foreign = folder.write("C.json", &text);
+        let none = Selection { skill: None, tag: None };
+        import(&foreign, &folder.path().join("out"), &none).unwrap_err().to_string()
+    };
+    let good = foreign_planar();
+    let sheared = say(good.replace("[[0.0, -1.0], [1.0, 0.0]]", "[[1.0, 0.5], [0.0, 1.0]]"));
+    assert!(sheared.contains("demonstrations[0].frames.start"), "{sheared}");
+    assert!(say(good.replace("[0.03, 3.5]", "[0.03]")).contains("positions[3]"));
+    assert!(say(good.replace("\"dt\": 0.01", "\"dt\": 0")).contains("`dt`"));
+    assert!(say(good.replace("\"R2\"", "\"R9\"")).contains("manifold"));
+    assert!(say(good[..100].into()).contains("line"));
+    assert!(say(good.replace("\"end\"", "\"stop\"")).contains("frames.end"));
+}

@@ -1,0 +1,88 @@
+//! The convex program against an independent implementation (Python, cvxpy) on synthetic data:
+//! `oracle.json` holds the data, the mixture and the solution found there.
+
+use nalgebra::{DVector, Matrix2, Vector2};
+use rand::SeedableRng;
+use serde::Deserialize;
+use tprmp_learner::em::{maximise, phase_samples};
+use tprmp_learner::fit::{fit, shape};
+use tprmp_learner::skill::Skill;
+use tprmp_learner::targets::BlockPath;
+
+#[derive(Deserialize)]
+struct Oracle {
+    components: usize,
+    goal: [f64; 2],
+    points: Vec<Vec<[f64; 2]>>,
+    velocities: Vec<Vec<[f64; 2]>>,
+    accelerations: Vec<Vec<[f64; 2]>>,
+    means: Vec<[f64; 2]>,
+    precisions: Vec<[[f64; 2]; 2]>,
+    parameters: Vec<f64>,
+    residual: f64,
+    hinge: f64,
+    objective: f64,
+    probe_points: Vec<[f64; 2]>,
+    probe_velocities: Vec<[f64; 2]>,
+    probe_accelerations: Vec<[f64; 2]>,
+    probe_potentials: Vec<f64>,
+}
+
+#[test]
+fn the_fit_agrees_with_an_independent_one() {
+    let here = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(here.join("tests/oracle.json")).unwrap();
+    let oracle: Oracle = serde_json::from_str(&text).unwrap();
+    let skill = Skill::read(&here.join("../config/skills/planar.ron")).unwrap();
+
+    let joint: Vec<Vec<DVector<f64>>> = oracle
+        .points
+        .iter()
+        .map(|path| path.iter().map(|y| DVector::from_column_slice(y)).collect())
+        .collect();
+    let mixture = maximise(&phase_samples(&joint, oracle.components), 15, 1e-3);
+    let means: Vec<_> = mixture.means.iter().map(|m| Vector2::new(m[1], m[2])).collect();
+    let covariances: Vec<_> =
+        mixture.covariances.iter().map(|c| c.fixed_view::<2, 2>(1, 1).into_owned()).collect();
+    let goal = Vector2::from(oracle.goal);
+    let shape = shape(&means, &covariances, &goal, &skill.field);
+    let zero = vec![0.0; shape.parameters().len()];
+    let (components, _) = shape.with(&zero);
+    for (component, (mean, precision)) in
+        components.iter().zip(oracle.means.iter().zip(&oracle.precisions))
+    {
+        assert!((component.mean - Vector2::from(*mean)).norm() < 1e-10);
+        let precision = Matrix2::from_fn(|i, j| precision[i][j]);
+        assert!((component.precision - precision).norm() < 1e-8);
+    }
+
+    let vectors = |rows: &Vec<[f64; 2]>| rows.iter().map(|y| Vector2::from(*y)).collect();
+    let paths: Vec<_> = (0..oracle.points.len())
+        .map(|i| BlockPath {
+            points: vectors(&oracle.points[i]),
+            velocities: vectors(&oracle.velocities[i]),
+            accelerations: vectors(&oracle.accelerations[i]),
+        })
+        .collect();
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+    let fitted = fit("position", shape, &paths, &skill.field, &mut random).unwrap();
+    let figures = &fitted.figures;
+    assert_eq!(figures.status, "Solved");
+    assert!((figures.objective / oracle.objective - 1.0).abs() < 1e-6);
+    assert!((figures.residual - oracle.residual).abs() < 1e-6);
+    assert!((figures.hinge - oracle.hinge).abs() < 1e-6);
+
+    let largest = oracle.parameters.iter().fold(0.0_f64, |m, p| m.max(p.abs()));
+    for (mine, theirs) in fitted.parameters.iter().zip(&oracle.parameters) {
+        assert!((mine - theirs).abs() < 1e-3 * largest, "{mine} {theirs}");
+    }
+    let field = fitted.shape.field(&fitted.parameters);
+    for i in 0..oracle.probe_points.len() {
+        let velocity = Vector2::from(oracle.probe_velocities[i]);
+        let value = field.evaluate(&Vector2::from(oracle.probe_points[i]), &velocity);
+        let acceleration = value.metric.cholesky().unwrap().solve(&value.force(&velocity));
+        let expected = Vector2::from(oracle.probe_accelerations[i]);
+        assert!((acceleration - expected).norm() < 1e-3 * (1.0 + expected.norm()));
+        assert!((value.potential - oracle.probe_potentials[i]).abs() < 1e-3 * largest);
+    }
+}

@@ -1,0 +1,198 @@
+//! The whole way from demonstrations to a model, on made-up demonstrations.
+
+mod common;
+
+use std::process::{Command, Output};
+
+use common::{Folder, arcs, skill_text};
+use glam::{DQuat, DVec3};
+use tprmp_learner::demonstration::Demonstration;
+use tprmp_learner::error::LearnerError;
+use tprmp_learner::report;
+use tprmp_learner::skill::Skill;
+use tprmp_learner::train::{Trained, learn, train};
+use tprmp_model::skill_model::{self, Manifold, to_text};
+
+fn skill(template: &str) -> Skill {
+    let folder = Folder::new(&format!("skill-{template}-{:?}", std::thread::current().id()));
+    Skill::read(&folder.write("skill.ron", &skill_text(template))).unwrap()
+}
+
+fn learned(template: &str, shown: &[Demonstration]) -> Result<Trained, LearnerError> {
+    learn(&skill(template), shown, 1, &mut |_| {})
+}
+
+#[track_caller]
+fn check(trained: &Trained, rms_max_m: f64, rms_max_rad: f64) {
+    let fit = &trained.model.fit;
+    assert_eq!(fit.position.status, "Solved");
+    assert!(fit.position.goal_hessian_min_1_s2 > 5.999);
+    let rollouts = &fit.rollouts;
+    for row in &rollouts.demonstrations {
+        assert!(row.goal_error_m < 1e-5 && row.goal_error_rad < 1e-4, "{row:?}");
+        assert!(row.tracking_rms_m < rms_max_m && row.tracking_rms_rad < rms_max_rad, "{row:?}");
+        assert!(row.path_rms_m < 0.004, "{row:?}");
+    }
+    assert_eq!(rollouts.random_starts_reached, rollouts.random_starts);
+    assert!(rollouts.energy_rise_max < 1e-12, "{}", rollouts.energy_rise_max);
+}
+
+#[test]
+fn a_planar_skill_is_learned() {
+    let trained = learned("planar.ron", &arcs(Manifold::R2)).unwrap();
+    check(&trained, 0.006, 0.0_f64.next_up());
+    assert!(trained.model.orientation.is_none());
+    assert_eq!(trained.model.gaussians.len(), 9);
+}
+
+#[test]
+fn frames_of_a_planar_skill_may_point_anywhere() {
+    let mut shown = arcs(Manifold::R2);
+    for demonstration in &mut shown {
+        // Half a turn of everything about the origin.
+        let half = DQuat::from_rotation_z(std::f64::consts::PI);
+        for frame in [&mut demonstration.start, &mut demonstration.goal_frame] {
+            frame.orientation = half * frame.orientation;
+            frame.position = half * frame.position * DVec3::new(1.0, 1.0, 0.0);
+        }
+        for pose in &mut demonstration.poses {
+            pose.position = half * pose.position;
+        }
+    }
+    check(&learned("planar.ron", &shown).unwrap(), 0.006, 0.0_f64.next_up());
+}
+
+#[test]
+fn a_skill_of_poses_is_learned() {
+    let trained = learned("pick.ron", &arcs(Manifold::R3S3)).unwrap();
+    check(&trained, 0.01, 0.01);
+    let orientation = trained.model.orientation.as_ref().unwrap();
+    assert_eq!(orientation.components.last().unwrap().mean, [0.0; 3]);
+    assert_eq!(trained.model.gaussians[0].mean.len(), 6);
+}
+
+#[test]
+fn an_orientation_that_hardly_moves_still_has_a_strict_attractor() {
+    let mut shown = arcs(Manifold::R3S3);
+    for (i, demonstration) in shown.iter_mut().enumerate() {
+        for (k, pose) in demonstration.poses.iter_mut().enumerate() {
+            let shake = 1e-4 * (i as f64 + 37.0 * k as f64).sin();
+            pose.orientation =
+                demonstration.goal_frame.orientation * DQuat::from_scaled_axis(DVec3::X * shake);
+        }
+    }
+    let trained = learned("pick.ron", &shown).unwrap();
+    check(&trained, 0.01, 0.05);
+    let fit = trained.model.fit.orientation.unwrap();
+    assert!(fit.goal_hessian_min_1_s2 > 5.999);
+    assert!(fit.length_scale < 3.0, "noise is not blown up: {}", fit.length_scale);
+}
+
+#[test]
+fn demonstrations_that_contradict_each_other_are_warned_of() {
+    let mut shown = arcs(Manifold::R2);
+    let along = shown[1].goal_frame.position.normalize();
+    for pose in &mut shown[1].poses {
+        // The arc bulges to the other side.
+        pose.position = 2.0 * along * along.dot(pose.position) - pose.position;
+    }
+    let trained = learned("planar.ron", &shown).unwrap();
+    let warned = trained.warnings.join("; ");
+    assert!(warned.contains("made_up_02.json") && warned.contains("contradict"), "{warned}");
+}
+
+#[test]
+fn quaternions_of_either_sign_give_the_same_model() {
+    let mut shown = arcs(Manifold::R3S3);
+    let before = learned("pick.ron", &shown).unwrap();
+    for pose in &mut shown[1].poses {
+        pose.orientation = -pose.orientation;
+    }
+    shown[2].goal_frame.orientation = -shown[2].goal_frame.orientation;
+    let after = learned("pick.ron", &shown).unwrap();
+    let mean = |t: &Trained| t.model.orientation.as_ref().unwrap().components[0].mean.clone();
+    for (a, b) in mean(&before).iter().zip(mean(&after)) {
+        assert!((a - b).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn the_same_input_and_seed_give_the_same_bytes() {
+    let folder = Folder::new("bytes");
+    folder.demonstrations("shown", &arcs(Manifold::R3S3));
+    let file = folder.write("skill.ron", &skill_text("pick.ron"));
+    let text = |seed| to_text(&train(&file, seed, &mut |_| {}).unwrap().model);
+    let first = text(1);
+    assert_eq!(first, text(1));
+    assert_ne!(first, text(2));
+}
+
+#[test]
+fn demonstrations_that_cannot_be_learned_from_are_named() {
+    let message = |shown: &[Demonstration]| match learned("pick.ron", shown) {
+        Err(error) => error.to_string(),
+        Ok(_) => panic!("the demonstrations were learned from"),
+    };
+
+    // The second demonstration leads the other way.
+    let mut opposite = arcs(Manifold::R3S3);
+    let mirror = DVec3::new(-1.0, -1.0, 1.0);
+    opposite[1].goal_frame.position *= mirror;
+    opposite[1].poses.iter_mut().for_each(|pose| pose.position *= mirror);
+    let text = message(&opposite);
+    assert!(text.contains("made_up_02.json") && text.contains("lie so differently"), "{text}");
+
+    let mut turned = arcs(Manifold::R3S3);
+    for shown in &mut turned {
+        let end = shown.goal_frame.orientation * DQuat::from_rotation_x(2.5);
+        shown.poses[5].orientation = end * DQuat::from_rotation_y(3.1);
+    }
+    let text = message(&turned);
+    assert!(text.contains("made_up_01.json") && text.contains("171°"), "{text}");
+
+    let mut still = arcs(Manifold::R3S3);
+    for shown in &mut still {
+        shown.start.position = shown.goal_frame.position;
+    }
+    assert!(message(&still).contains("start frame and goal"));
+
+    let mut short = arcs(Manifold::R3S3);
+    short.truncate(1);
+    short[0].poses = short[0].poses.iter().copied().skip(30).step_by(9).collect();
+    assert!(message(&short).contains("mixture.components"));
+}
+
+fn learner(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_learner")).args(arguments).output().unwrap()
+}
+
+#[test]
+fn the_command_trains_inspects_and_says_what_is_wrong() {
+    let folder = Folder::new("command");
+    folder.demonstrations("shown", &arcs(Manifold::R2));
+    let file = folder.write("skill.ron", &skill_text("planar.ron"));
+    let model = folder.path().join("model.ron");
+    let [file, out] = [&file, &model].map(|path| path.to_str().unwrap());
+
+    let trained = learner(&["train", file, "--out", out, "--seed", "3"]);
+    let said = String::from_utf8(trained.stdout).unwrap();
+    assert!(trained.status.success(), "{}", String::from_utf8_lossy(&trained.stderr));
+    assert!(said.contains("made_up_02.json") && said.contains("20 of 20 random starts"), "{said}");
+
+    let inspected = learner(&["inspect", out]);
+    let said = String::from_utf8(inspected.stdout).unwrap();
+    assert!(inspected.status.success());
+    for part in ["made_up (R2)", "position field", "seed 3", "mixture.components = 9", "sha256"] {
+        assert!(said.contains(part), "`{part}` is missing in\n{said}");
+    }
+    assert_eq!(said, report::inspected(&skill_model::read(&model).unwrap()));
+
+    std::fs::remove_file(&model).unwrap();
+    folder.write("shown/made_up_02.json", "{");
+    let failed = learner(&["train", file, "--out", out]);
+    let said = String::from_utf8(failed.stderr).unwrap();
+    assert_eq!(failed.status.code(), Some(1));
+    assert!(said.contains("made_up_02.json"), "{said}");
+    assert!(!model.exists());
+    assert!(!learner(&["inspect", out]).status.success());
+}

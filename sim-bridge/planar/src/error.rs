@@ -1,0 +1,103 @@
+//! Errors a user can act on: each names the file and the key.
+
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+use tprmp_messages::ServiceError;
+use tprmp_robot::UrdfError;
+
+/// Why a command failed.
+#[derive(Debug, Error)]
+pub(crate) enum SimError {
+    /// A file cannot be read.
+    #[error("{}: cannot be read: {source}{hint}", path.display())]
+    Read {
+        /// File.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+        /// What to do, empty where there is nothing to say.
+        hint: &'static str,
+    },
+    /// A file or folder cannot be written.
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write {
+        /// File or folder.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A file's content is not as expected.
+    #[error("{}: `{key}`: {problem}", path.display())]
+    Key {
+        /// File.
+        path: PathBuf,
+        /// Key, or line and column.
+        key: String,
+        /// What was expected, and what was found.
+        problem: String,
+    },
+    /// The robot's description.
+    #[error(transparent)]
+    Robot(#[from] UrdfError),
+    /// Shared memory.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// Signal handlers.
+    #[error("signal handlers cannot be set: {0}")]
+    Signals(std::io::Error),
+    /// No command came, or none any more.
+    #[error(
+        "no command from a controller within {waited_s} s (instance `{instance}`): start \
+         `controller run` on the same instance, as the same user{lockstep}"
+    )]
+    NoController {
+        /// How long was waited \[s\].
+        waited_s: u64,
+        /// Instance.
+        instance: String,
+        /// What else it needs.
+        lockstep: &'static str,
+    },
+    /// A message could not be sent.
+    #[error("shared memory: a message could not be sent; check that /dev/shm is not full")]
+    Publish,
+}
+
+impl SimError {
+    /// A key that is not as expected.
+    pub(crate) fn key(path: &Path, key: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self::Key { path: path.into(), key: key.into(), problem: problem.into() }
+    }
+}
+
+/// Reads a text file.
+pub(crate) fn read_text(path: &Path, hint: &'static str) -> Result<String, SimError> {
+    std::fs::read_to_string(path).map_err(|source| SimError::Read {
+        path: path.into(),
+        source,
+        hint,
+    })
+}
+
+/// Writes a file, and the folder it lies in.
+pub(crate) fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), SimError> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    std::fs::create_dir_all(folder)
+        .and_then(|()| std::fs::write(path, content))
+        .map_err(|source| SimError::Write { path: path.into(), source })
+}
+
+/// Parses JSON; an error names the key.
+pub(crate) fn parse_json<T: serde::de::DeserializeOwned>(
+    text: &str,
+    path: &Path,
+) -> Result<T, SimError> {
+    let mut deserializer = serde_json::Deserializer::from_str(text);
+    let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
+        let key = error.path().to_string();
+        SimError::key(path, key, error.inner().to_string())
+    })?;
+    deserializer.end().map_err(|error| SimError::key(path, ".", error.to_string()))?;
+    Ok(value)
+}

@@ -1,0 +1,198 @@
+//! The scripted expert: demonstrations of one stroke between frames that differ from time to time.
+
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+use std::fmt::Write;
+use std::path::Path;
+
+use glam::DVec2;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use serde::Deserialize;
+
+use crate::error::{SimError, parse_json, read_text, write};
+use crate::scene::{Range, Scene};
+use crate::shape::{PlanarPose, Stroke, minimum_jerk};
+
+/// Schema of a demonstration file.
+const SCHEMA: &str = "tprmp-demonstration/1";
+/// Waves of which the variation of a stroke is made.
+const VARIATION_WAVES: usize = 3;
+
+/// A demonstrated stroke and its frames, in `B`.
+#[derive(Debug, Clone)]
+pub(crate) struct Demonstration {
+    /// The start frame; the stroke starts at its origin.
+    pub(crate) start: PlanarPose,
+    /// The goal frame; the stroke ends at its origin.
+    pub(crate) goal: PlanarPose,
+    /// Positions \[m\], one a sampling time.
+    pub(crate) points: Vec<DVec2>,
+}
+
+/// Records the demonstrations of a scene into a folder.
+pub(crate) fn record(scene: &Scene, seed: u64, out: &Path) -> Result<(), SimError> {
+    let demonstrations = demonstrate(scene, seed);
+    for (i, demonstration) in demonstrations.iter().enumerate() {
+        let path = out.join(format!("{:02}.json", i + 1));
+        write(&path, to_text(demonstration, scene))?;
+        println!(
+            "{}: {} samples, {:.2} s",
+            path.display(),
+            demonstration.points.len(),
+            (demonstration.points.len() - 1) as f64 * scene.record.sampling_time_s
+        );
+    }
+    Ok(())
+}
+
+/// What the expert shows with this seed.
+fn demonstrate(scene: &Scene, seed: u64) -> Vec<Demonstration> {
+    let settings = &scene.record;
+    let stroke = Stroke::new(settings);
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    let shift = Range::around_zero(settings.position_variation_m);
+    let turn = Range::around_zero(settings.angle_variation_rad);
+    let wave = Range::around_zero(settings.shape_variation_m / VARIATION_WAVES as f64);
+    (0..settings.count)
+        .map(|_| {
+            let mut frame = |position: DVec2| PlanarPose {
+                position_m: position
+                    + DVec2::new(shift.draw(&mut generator), shift.draw(&mut generator)),
+                angle_rad: turn.draw(&mut generator),
+            };
+            let (start, goal) = (frame(stroke.start()), frame(stroke.end()));
+            let waves: [DVec2; VARIATION_WAVES] = std::array::from_fn(|_| {
+                DVec2::new(wave.draw(&mut generator), wave.draw(&mut generator))
+            });
+            let steps = settings.duration_s.draw(&mut generator) / settings.sampling_time_s;
+            let steps = steps.round() as usize;
+            let point = |i: usize| {
+                let share = minimum_jerk(i as f64 / steps as f64);
+                stroke.between(&start, &goal, share) + variation(&waves, share)
+            };
+            Demonstration { start, goal, points: (0..=steps).map(point).collect() }
+        })
+        .collect()
+}
+
+/// A smooth deviation that leaves both ends, and the direction there, as they are \[m\].
+fn variation(waves: &[DVec2; VARIATION_WAVES], share: f64) -> DVec2 {
+    let envelope = (PI * share).sin().powi(2);
+    let wave = |(k, amplitude): (usize, &DVec2)| *amplitude * (PI * (k + 1) as f64 * share).cos();
+    envelope * waves.iter().enumerate().map(wave).sum::<DVec2>()
+}
+
+fn to_text(demonstration: &Demonstration, scene: &Scene) -> String {
+    let task = &scene.task;
+    let frame = |pose: &PlanarPose| {
+        let (p, q) = (pose.position_m, pose.quaternion_wxyz());
+        format!(
+            "{{\"position_m\": [{:.6}, {:.6}, 0.0], \
+             \"quaternion_wxyz\": [{:.6}, 0.0, 0.0, {:.6}]}}",
+            p.x, p.y, q[0], q[3]
+        )
+    };
+    let quoted = |text: &str| serde_json::Value::from(text).to_string();
+    let mut text = format!(
+        "{{\n\"schema\": \"{SCHEMA}\",\n\"skill\": {},\n\"manifold\": \"R2\",\n\
+         \"sampling_time_s\": {},\n\"frames\": {{\n{}: {},\n{}: {}\n}},\n\
+         \"columns\": [\"x_m\", \"y_m\"],\n\"samples\": [\n",
+        quoted(&task.skill),
+        scene.record.sampling_time_s,
+        quoted(&task.start_frame),
+        frame(&demonstration.start),
+        quoted(&task.goal_frame),
+        frame(&demonstration.goal),
+    );
+    for (i, p) in demonstration.points.iter().enumerate() {
+        let comma = if i + 1 == demonstration.points.len() { "" } else { "," };
+        writeln!(text, "[{:.6}, {:.6}]{comma}", p.x, p.y).expect("a string grows");
+    }
+    text.push_str("]\n}\n");
+    text
+}
+
+#[derive(Deserialize)]
+struct File {
+    frames: BTreeMap<String, FileFrame>,
+    samples: Vec<[f64; 2]>,
+}
+
+#[derive(Deserialize)]
+struct FileFrame {
+    position_m: [f64; 3],
+    quaternion_wxyz: [f64; 4],
+}
+
+/// Reads the demonstrations of a folder, for a picture: the learner is the one who checks them.
+pub(crate) fn read_folder(folder: &Path, scene: &Scene) -> Result<Vec<Demonstration>, SimError> {
+    let unreadable = |source| SimError::Read { path: folder.into(), source, hint: "" };
+    let mut paths = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+        paths.push(entry.map_err(unreadable)?.path());
+    }
+    paths.retain(|path| path.extension().is_some_and(|e| e == "json"));
+    paths.sort();
+    paths.iter().map(|path| read(path, scene)).collect()
+}
+
+fn read(path: &Path, scene: &Scene) -> Result<Demonstration, SimError> {
+    let file: File = parse_json(&read_text(path, "")?, path)?;
+    let frame = |name: &str| {
+        let frame = file.frames.get(name).ok_or_else(|| {
+            SimError::key(path, format!("frames.{name}"), "expected this frame, found none")
+        })?;
+        let [w, _, _, z] = frame.quaternion_wxyz;
+        Ok::<_, SimError>(PlanarPose {
+            position_m: DVec2::new(frame.position_m[0], frame.position_m[1]),
+            angle_rad: 2.0 * z.atan2(w),
+        })
+    };
+    Ok(Demonstration {
+        start: frame(&scene.task.start_frame)?,
+        goal: frame(&scene.task.goal_frame)?,
+        points: file.samples.iter().map(|p| DVec2::from(*p)).collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::tests::scene;
+
+    #[test]
+    fn demonstrations_join_their_frames_at_rest() {
+        let scene = scene();
+        let demonstrations = demonstrate(&scene, 1);
+        assert_eq!(demonstrations.len(), scene.record.count as usize);
+        for d in &demonstrations {
+            let last = d.points.len() - 1;
+            assert!((d.points[0] - d.start.position_m).length() < 1e-12);
+            assert!((d.points[last] - d.goal.position_m).length() < 1e-12);
+            let speed =
+                |i: usize| (d.points[i + 1] - d.points[i]).length() / scene.record.sampling_time_s;
+            assert!(speed(0) < 0.01 && speed(last - 1) < 0.01);
+            assert!((3.0..=301.0).contains(&(d.points.len() as f64)));
+        }
+    }
+
+    #[test]
+    fn a_seed_says_it_all_and_what_was_written_can_be_read() {
+        let scene = scene();
+        let texts = |seed| -> Vec<String> {
+            demonstrate(&scene, seed).iter().map(|d| to_text(d, &scene)).collect()
+        };
+        assert_eq!(texts(3), texts(3));
+        assert_ne!(texts(3), texts(4));
+        let folder = std::env::temp_dir().join(format!("planar-record-{}", std::process::id()));
+        record(&scene, 3, &folder).unwrap();
+        let read = read_folder(&folder, &scene).unwrap();
+        for (a, b) in read.iter().zip(demonstrate(&scene, 3)) {
+            assert!((a.goal.angle_rad - b.goal.angle_rad).abs() < 1e-5);
+            let pairs = a.points.iter().zip(&b.points);
+            assert!(pairs.into_iter().all(|(a, b)| (*a - *b).length() < 1e-6));
+        }
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}

@@ -1,0 +1,136 @@
+//! The stroke that the scripted expert draws: a lying S, and how it follows its two frames.
+
+use std::f64::consts::PI;
+
+use glam::{DMat2, DVec2};
+
+use crate::scene::RecordSettings;
+
+/// Points of the table that turns arc length into the curve's parameter.
+const TABLE_POINTS: usize = 2001;
+
+/// Position and angle about z of a planar frame, in the base frame `B`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct PlanarPose {
+    /// Origin \[m\].
+    pub(crate) position_m: DVec2,
+    /// Angle about z \[rad\].
+    pub(crate) angle_rad: f64,
+}
+
+impl PlanarPose {
+    /// A point given in this frame, in `B` \[m\].
+    pub(crate) fn transform(&self, point: DVec2) -> DVec2 {
+        self.position_m + DMat2::from_angle(self.angle_rad) * point
+    }
+
+    /// The frame's orientation as a quaternion w, x, y, z.
+    pub(crate) fn quaternion_wxyz(&self) -> [f64; 4] {
+        let (sin, cos) = (0.5 * self.angle_rad).sin_cos();
+        [cos, 0.0, 0.0, sin]
+    }
+}
+
+/// A curve from (−length/2, 0) to (length/2, 0), by its share of arc length σ ∈ \[0, 1\]:
+/// x(s) = l (s − ½) − b sin 4πs, y(s) = −h sin 2πs.
+#[derive(Debug, Clone)]
+pub(crate) struct Stroke {
+    length_m: f64,
+    height_m: f64,
+    overhang_m: f64,
+    /// Arc length from the start up to s = i/(n − 1) \[m\].
+    arc_m: Vec<f64>,
+}
+
+impl Stroke {
+    pub(crate) fn new(settings: &RecordSettings) -> Self {
+        let mut stroke = Self {
+            length_m: settings.length_m,
+            height_m: settings.height_m,
+            overhang_m: settings.overhang_m,
+            arc_m: Vec::with_capacity(TABLE_POINTS),
+        };
+        let mut arc = 0.0;
+        let mut last = stroke.start();
+        for i in 0..TABLE_POINTS {
+            let point = stroke.curve(i as f64 / (TABLE_POINTS - 1) as f64);
+            arc += (point - last).length();
+            stroke.arc_m.push(arc);
+            last = point;
+        }
+        stroke
+    }
+
+    fn curve(&self, s: f64) -> DVec2 {
+        DVec2::new(
+            self.length_m * (s - 0.5) - self.overhang_m * (4.0 * PI * s).sin(),
+            -self.height_m * (2.0 * PI * s).sin(),
+        )
+    }
+
+    /// Where it starts \[m\].
+    pub(crate) fn start(&self) -> DVec2 {
+        DVec2::new(-0.5 * self.length_m, 0.0)
+    }
+
+    /// Where it ends \[m\].
+    pub(crate) fn end(&self) -> DVec2 {
+        DVec2::new(0.5 * self.length_m, 0.0)
+    }
+
+    /// The point at the share σ of the arc length \[m\].
+    pub(crate) fn point(&self, share: f64) -> DVec2 {
+        let wanted = share.clamp(0.0, 1.0) * self.arc_m[TABLE_POINTS - 1];
+        let above = self.arc_m.partition_point(|arc| *arc < wanted).clamp(1, TABLE_POINTS - 1);
+        let (low, high) = (self.arc_m[above - 1], self.arc_m[above]);
+        let s = (above as f64 - 1.0 + (wanted - low) / (high - low)) / (TABLE_POINTS - 1) as f64;
+        self.curve(s)
+    }
+
+    /// The point at σ of the stroke laid between two frames: at the start it moves with the start
+    /// frame, at the end with the end frame, between with a smooth blend of both \[m\].
+    pub(crate) fn between(&self, start: &PlanarPose, end: &PlanarPose, share: f64) -> DVec2 {
+        let point = self.point(share);
+        let with_start = start.transform(point - self.start());
+        let with_end = end.transform(point - self.end());
+        with_start.lerp(with_end, minimum_jerk(share))
+    }
+}
+
+/// 10τ³ − 15τ⁴ + 6τ⁵: from 0 to 1 with no velocity and no acceleration at both ends
+/// [Flash and Hogan 1985].
+pub(crate) fn minimum_jerk(tau: f64) -> f64 {
+    let tau = tau.clamp(0.0, 1.0);
+    tau.powi(3) * (10.0 - 15.0 * tau + 6.0 * tau * tau)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::tests::scene;
+
+    #[test]
+    fn the_stroke_runs_evenly_from_its_start_to_its_end() {
+        let stroke = Stroke::new(&scene().record);
+        assert!((stroke.point(0.0) - stroke.start()).length() < 1e-12);
+        assert!((stroke.point(1.0) - stroke.end()).length() < 1e-12);
+        let step = |i: u32| {
+            (stroke.point(f64::from(i + 1) / 200.0) - stroke.point(f64::from(i) / 200.0)).length()
+        };
+        let steps: Vec<f64> = (0..200).map(step).collect();
+        let longest = steps.iter().copied().fold(0.0, f64::max);
+        let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+        assert!(longest < 1.01 * shortest, "{shortest} to {longest}");
+    }
+
+    #[test]
+    fn the_stroke_follows_its_frames_at_both_ends() {
+        let stroke = Stroke::new(&scene().record);
+        let start = PlanarPose { position_m: DVec2::new(-1.0, 0.3), angle_rad: 0.2 };
+        let end = PlanarPose { position_m: DVec2::new(1.4, -0.1), angle_rad: -0.3 };
+        assert!((stroke.between(&start, &end, 0.0) - start.position_m).length() < 1e-12);
+        assert!((stroke.between(&start, &end, 1.0) - end.position_m).length() < 1e-12);
+        let near_end = end.transform(stroke.point(0.97) - stroke.end());
+        assert!((stroke.between(&start, &end, 0.97) - near_end).length() < 1e-3);
+    }
+}

@@ -1,0 +1,263 @@
+"""The scripted expert: shows the pick and records it as demonstrations.
+
+The tool's path is one smooth curve without a stop: the horizontal motion and the turn of the tool
+follow one minimum-jerk profile, the descent a later one, so that the end is vertical. Inverse
+kinematics turns it into joint positions, which computed torque tracks in the physics; what is
+recorded is the measured tool pose. The vacuum comes on when the cup is pressed on the box.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sim_bridge.demonstrations import Demonstration, continuous_quaternions, write_demonstration
+from sim_bridge.errors import BridgeError
+from sim_bridge.kinematics import forward, inverse_kinematics
+from sim_bridge.messages import GripperState
+from sim_bridge.poses import (
+    Array,
+    inverse,
+    minimum_jerk,
+    pose,
+    quaternion_from_rotation,
+    rotation_from_vector,
+    rotation_z,
+    vector_from_rotation,
+)
+from sim_bridge.scene import Episode, Scene
+from sim_bridge.world import World
+
+REST_SPEED_RAD_S = 2e-3
+REST_TIME_MAX_S = 1.0
+LIFT_TIME_S = 1.5
+LIFT_MARGIN_M = 0.02
+
+# The grasp: tool z down on the box's top, tool x against the box's y.
+R_OE = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A demonstration, and how it went."""
+
+    demonstration: Demonstration
+    duration_s: float
+    path_length_m: float
+    speed_max_m_s: float
+    compression_m: float
+    lifted_m: float
+
+
+def tool_path(
+    scene: Scene, x_start: Array, x_goal: Array, duration_s: float, time_s: float
+) -> Array:
+    """`X_BE` wanted at `time_s`.
+
+    With `h` and `v` the progress of the horizontal and of the vertical motion, both minimum-jerk:
+    `v` starts after the fraction `vertical_delay` of the duration and lasts to its end; `h` ends
+    when `vertical_end_m` of the descent are left.
+    """
+    record = scene.record
+    descent = x_start[2, 3] - x_goal[2, 3]
+    left = min(max(record.vertical_end_m / max(descent, 1e-9), 0.0), 1.0)
+    delay = record.vertical_delay
+    horizontal_end = delay + (1.0 - delay) * _minimum_jerk_phase(1.0 - left)
+    phase = time_s / duration_s
+    h = minimum_jerk(phase / horizontal_end)
+    v = minimum_jerk((phase - delay) / (1.0 - delay))
+    position = x_start[:3, 3] + (x_goal[:3, 3] - x_start[:3, 3]) * np.array([h, h, v])
+    turn = vector_from_rotation(x_start[:3, :3].T @ x_goal[:3, :3])
+    return pose(x_start[:3, :3] @ rotation_from_vector(h * turn), position)
+
+
+def _minimum_jerk_phase(progress: float) -> float:
+    """Where the minimum-jerk profile reaches `progress`, by bisection."""
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if minimum_jerk(middle) < progress:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+class _Expert:
+    """Tracks joint trajectories in a world by computed torque."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.q_goal = np.array(world.joint_state()[0])
+
+    def step(self, q: Array, qd: Array, qdd: Array, vacuum: bool) -> None:
+        """One step towards the wanted joint state."""
+        record = self.world.scene.record
+        position, velocity = self.world.joint_state()
+        acceleration = (
+            qdd
+            + record.tracking_stiffness_1_s2 * (q - position)
+            + record.tracking_damping_1_s * (qd - velocity)
+        )
+        torque = self.world.inverse_dynamics(position, velocity, acceleration.tolist())
+        self.world.apply_torque(torque)
+        self.world.step(vacuum)
+
+    def hold(self, vacuum: bool) -> None:
+        """One step at rest at the last goal."""
+        zero = np.zeros_like(self.q_goal)
+        self.step(self.q_goal, zero, zero, vacuum)
+
+    def plan(self, poses: list[Array]) -> tuple[Array, Array, Array]:
+        """Joint positions, velocities and accelerations through `poses`, one a step.
+
+        The trajectory begins at rest at the last goal and ends at rest at the last pose. Row `k` is
+        what is wanted when step `k` begins.
+        """
+        positions = [self.q_goal, self.q_goal]
+        for x_be in poses:
+            guess = 2.0 * positions[-1] - positions[-2]
+            positions.append(inverse_kinematics(self.world.chain, x_be, guess))
+        q = np.array(positions)
+        dt = self.world.dt_s
+        velocity = (q[2:] - q[:-2]) / (2.0 * dt)
+        acceleration = (q[2:] - 2.0 * q[1:-1] + q[:-2]) / dt**2
+        self.q_goal = positions[-1]
+        return q[1:-1], velocity, acceleration
+
+
+def record_one(scene: Scene, number: int, count: int, seed: int) -> Recording:
+    """Shows the pick once; raises `BridgeError` when the box is not gripped or not lifted."""
+    generator = random.Random(f"{seed}/{number}")
+    world = World(scene, _static_episode(scene, number, count, seed), with_sphere=False)
+    try:
+        variation = scene.record.start_variation_rad
+        start = [q + variation * (2.0 * generator.random() - 1.0) for q in world.home]
+        world.place_arm(start)
+        world.moving = True
+        return _show(world, scene.record.duration_s.draw(generator), number)
+    finally:
+        world.close()
+
+
+def _static_episode(scene: Scene, number: int, count: int, seed: int) -> Episode:
+    """A resting box: angle and yaw are spread evenly over the demonstrations, then shaken."""
+    generator = random.Random(f"{seed}/box/{number}")
+    yaw_order = list(range(count))
+    random.Random(f"{seed}/yaw").shuffle(yaw_order)
+    box = scene.object
+    centre_x = 0.5 * (box.circle_centre_x_m.low + box.circle_centre_x_m.high)
+    centre_y = 0.5 * (box.circle_centre_y_m.low + box.circle_centre_y_m.high)
+    angle = 2.0 * math.pi * (number + generator.random()) / count
+    radius = box.circle_radius_m * math.sqrt(0.1 + 0.9 * generator.random())
+    share = (yaw_order[number] + generator.random()) / count
+    yaw = box.yaw_rad.low + (box.yaw_rad.high - box.yaw_rad.low) * share
+    position = (
+        centre_x + radius * math.cos(angle),
+        centre_y + radius * math.sin(angle),
+        box.table_gap_m + 0.5 * box.size_m[2],
+    )
+    return Episode(number, position, 0.0, 0.0, 0.0, yaw, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
+
+
+def _show(world: World, duration_s: float, number: int) -> Recording:
+    scene, record, dt = world.scene, world.scene.record, world.dt_s
+    label = f"demonstration {number + 1}"
+    x_start = world.tool_pose()
+    position, _, _, _ = world.object_motion()
+    x_bo = pose(rotation_z(world.episode.object_yaw_rad), position)
+    top = 0.5 * scene.object.size_m[2]
+    x_goal = x_bo @ pose(R_OE, np.array([0.0, 0.0, top - record.compression_m]))
+    steps = math.ceil(duration_s / dt)
+    times = [duration_s * (step + 1) / steps for step in range(steps)]
+    expert = _Expert(world)
+    plan = expert.plan([tool_path(scene, x_start, x_goal, duration_s, time) for time in times])
+
+    every = round(record.sampling_time_s / dt)
+    measured = [x_start]
+
+    def sample() -> None:
+        if world.steps % every == 0:
+            measured.append(world.tool_pose())
+
+    for q, qd, qdd in zip(*plan):
+        expert.step(q, qd, qdd, vacuum=False)
+        sample()
+    at_rest = False
+    for _ in range(math.ceil(REST_TIME_MAX_S / dt)):
+        at_rest = at_rest or max(abs(v) for v in world.joint_state()[1]) < REST_SPEED_RAD_S
+        expert.hold(vacuum=at_rest)
+        if world.gripper == GripperState.HOLDING:
+            break
+        sample()
+    else:
+        raise BridgeError(f"{label}: the vacuum did not seal: see `record` in {scene.file}")
+    x_end = measured[-1]
+    lifted_m = _lift(expert, scene.task.lift_height_m + LIFT_MARGIN_M)
+    if lifted_m < scene.task.lift_height_m:
+        raise BridgeError(f"{label}: the box was lifted by {lifted_m:.3f} m only")
+
+    positions = np.array([x[:3, 3] for x in measured])
+    quaternions = np.array([quaternion_from_rotation(x[:3, :3]) for x in measured])
+    quaternions = continuous_quaternions(quaternions)
+    # The sign of the first one is free: the same hemisphere for all demonstrations of a grasp.
+    if quaternions[0] @ quaternion_from_rotation(R_OE) < 0.0:
+        quaternions = -quaternions
+    steps_m = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    demonstration = Demonstration(
+        skill=scene.task.skill,
+        sampling_time_s=record.sampling_time_s,
+        frames={scene.task.start_frame: x_start, scene.task.goal_frame: x_bo},
+        samples=np.hstack([positions, quaternions]),
+    )
+    return Recording(
+        demonstration,
+        duration_s=(len(measured) - 1) * record.sampling_time_s,
+        path_length_m=float(np.sum(steps_m)),
+        speed_max_m_s=float(np.max(steps_m)) / record.sampling_time_s,
+        compression_m=float(top - (inverse(x_bo) @ x_end)[2, 3]),
+        lifted_m=lifted_m,
+    )
+
+
+def _lift(expert: _Expert, height_m: float) -> float:
+    """Lifts the tool and gives how far the box came along [m]."""
+    world = expert.world
+    before = world.object_motion()[0][2]
+    x_from = forward(world.chain, expert.q_goal)
+    steps = math.ceil(LIFT_TIME_S / world.dt_s)
+    poses = []
+    for step in range(steps):
+        x = x_from.copy()
+        x[2, 3] += height_m * minimum_jerk((step + 1) / steps)
+        poses.append(x)
+    for q, qd, qdd in zip(*expert.plan(poses)):
+        expert.step(q, qd, qdd, vacuum=True)
+    for _ in range(math.ceil(world.scene.task.hold_time_s / world.dt_s)):
+        expert.hold(vacuum=True)
+    return float(world.object_motion()[0][2] - before)
+
+
+def record(scene: Scene, out: Path, count: int, seed: int) -> None:
+    """Writes `count` demonstrations to `out` and prints a table of them."""
+    out.mkdir(parents=True, exist_ok=True)
+    print("file     box x, y [m]     yaw [deg]  samples  time [s]  path [m]  top speed [m/s]"
+          "  cup pressed [mm]  lifted [m]")  # fmt: skip
+    for number in range(count):
+        recording = record_one(scene, number, count, seed)
+        demonstration = recording.demonstration
+        file = out / f"{number + 1:02}.json"
+        write_demonstration(file, demonstration)
+        x_bo = demonstration.frames[scene.task.goal_frame]
+        yaw = math.degrees(math.atan2(x_bo[1, 0], x_bo[0, 0]))
+        print(
+            f"{file.name}  {x_bo[0, 3]:6.3f}, {x_bo[1, 3]:6.3f}  {yaw:9.1f}"
+            f"  {len(demonstration.samples):7}  {recording.duration_s:8.2f}"
+            f"  {recording.path_length_m:8.3f}  {recording.speed_max_m_s:15.3f}"
+            f"  {1e3 * recording.compression_m:16.2f}  {recording.lifted_m:10.3f}",
+            flush=True,
+        )

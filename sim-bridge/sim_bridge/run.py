@@ -1,0 +1,495 @@
+"""The live bridge: steps the physics, publishes states, applies commands.
+
+Real time: one step every period of `CLOCK_MONOTONIC`. A step that begins more than half a period
+late moves the schedule instead of being caught up with, and is counted as a slip.
+
+Lockstep: a simulated clock. Every state waits for the command that answers it, so that the same
+seed and the same controller give the same commands byte for byte.
+
+Row order of one step: the state at time t is published; at the step's deadline the newest command
+is obeyed for the step from t to t + dt. Until a first command the arm stands still, and so does
+the scenario's clock.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+
+from sim_bridge.demonstrations import demonstrated_grasp
+from sim_bridge.errors import BridgeError
+from sim_bridge.evaluate import evaluate
+from sim_bridge.log import LogWriter, save
+from sim_bridge.messages import (
+    CommandMode,
+    ControllerStatus,
+    GripperCommand,
+    GripperState,
+    JointCommand,
+    LifeCycle,
+    ObstacleKind,
+    RobotState,
+    TaskFrames,
+    write_name,
+)
+from sim_bridge.poses import Array, quaternion_from_rotation
+from sim_bridge.scene import Scene, draw_episode
+from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
+from sim_bridge.world import World
+
+LOCKSTEP_EPOCH_NS = 1_000_000_000
+LOCKSTEP_WAIT_S = 10.0
+POLL_SPIN_S = 200e-6
+POLL_SLEEP_S = 50e-6
+PRIORITY_DEFAULT = 40
+"""SCHED_FIFO priority of the loop in real time: below a controller's."""
+DONE_WAIT_S = 2.0
+"""How long a held, lifted box waits for the controller to call itself done, in real time."""
+
+
+class Outcome(str, Enum):
+    """How a run ended."""
+
+    LIFTED = "lifted"
+    TIMEOUT = "timeout"
+    STOPPED = "stopped"
+    CONTROLLER_LOST = "controller lost"
+
+
+@dataclass
+class Timing:
+    """How well real time was kept."""
+
+    wall_s: float = 0.0
+    simulated_s: float = 0.0
+    real_time_factor: float = 0.0
+    slips: int = 0
+    slip_total_s: float = 0.0
+    slip_max_s: float = 0.0
+    braked_steps: int = 0
+    clamped_steps: int = 0
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line asked for."""
+
+    seed: int
+    out: Path
+    instance: str
+    lockstep: bool
+    wait_s: float
+    priority: int | None
+    """`None`: real-time scheduling if this user may, without it otherwise; 0: without."""
+    record_commands: Path | None
+
+
+class _Publication:
+    """The messages, allocated once and filled at every step."""
+
+    def __init__(self, world: World, start_frame: str, goal_frame: str) -> None:
+        self.world = world
+        self.frames = TaskFrames(frame_count=2, obstacle_count=2)
+        self.state = RobotState(joint_count=len(world.joints))
+        x_start = world.tool_pose()
+        start, goal = self.frames.frames[0], self.frames.frames[1]
+        write_name(start, start_frame)
+        write_name(goal, goal_frame)
+        start.valid = goal.valid = 1
+        start.position[:] = x_start[:3, 3].tolist()
+        start.quaternion[:] = quaternion_from_rotation(x_start[:3, :3]).tolist()
+        sphere, table = self.frames.obstacles[0], self.frames.obstacles[1]
+        sphere.kind, table.kind = ObstacleKind.SPHERE, ObstacleKind.HALF_SPACE
+        sphere.valid = table.valid = 1
+        sphere.quaternion[:] = table.quaternion[:] = (1.0, 0.0, 0.0, 0.0)
+        sphere.size[0] = world.scene.sphere.radius_m
+        self.position: list[float] = []
+        self.velocity: list[float] = []
+        self.object_position: Array = np.zeros(3)
+        self.object_quaternion: Array = np.zeros(4)
+        self.object_velocity: Array = np.zeros(3)
+        self.sphere_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def fill(self, time_ns: int, torque: list[float]) -> None:
+        """Reads the world into the messages; `torque` without gravity [N m]."""
+        world, n = self.world, len(self.world.joints)
+        self.position, self.velocity = world.joint_state()
+        state = self.state
+        state.sequence += 1
+        state.time_ns = time_ns
+        state.gripper_state = world.gripper
+        state.position[:n] = self.position
+        state.velocity[:n] = self.velocity
+        state.torque[:n] = torque
+        frames = self.frames
+        frames.sequence, frames.time_ns = state.sequence, time_ns
+        goal, sphere = frames.frames[1], frames.obstacles[0]
+        position, quaternion, velocity, angular_velocity = world.object_motion()
+        self.object_position, self.object_quaternion = position, quaternion
+        self.object_velocity = velocity
+        goal.position[:] = position.tolist()
+        goal.quaternion[:] = quaternion.tolist()
+        goal.linear_velocity[:] = velocity.tolist()
+        goal.angular_velocity[:] = angular_velocity.tolist()
+        motion = world.sphere_motion()
+        self.sphere_position = motion.position_m
+        sphere.position[:] = motion.position_m
+        sphere.linear_velocity[:] = motion.velocity_m_s
+
+
+def obeyed(command: JointCommand, joint_count: int, sequence: int, now_ns: int) -> bool:
+    """Whether a command may move the arm; if not, the arm brakes.
+
+    It must ask for motion, answer a state of this bridge, be of this arm, not be expired, and
+    hold finite torques.
+    """
+    return (
+        command.mode in (CommandMode.TRACK, CommandMode.HOLD)
+        and 0 < command.state_sequence <= sequence
+        and command.joint_count == joint_count
+        and now_ns < command.expiry_ns
+        and all(map(math.isfinite, command.torque[:joint_count]))
+        and all(map(math.isfinite, command.gravity_torque[:joint_count]))
+    )
+
+
+class _Run:
+    """One run: the loop's state, and one method a phase."""
+
+    def __init__(self, scene: Scene, options: Options, world: World) -> None:
+        self.scene, self.options, self.world = scene, options, world
+        self.dt_ns = round(1e9 / scene.physics.rate_hz)
+        self.publication = _Publication(world, scene.task.start_frame, scene.task.goal_frame)
+        self.command = JointCommand()
+        self.status = ControllerStatus()
+        self.life_cycle = -1
+        self.timing = Timing()
+        steps_max = math.ceil(scene.task.time_limit_s / world.dt_s)
+        self.steps_max = steps_max
+        self.log = LogWriter(steps_max + 2, len(world.joints))
+        self.recorded = bytearray()
+        self.torque_measured = [0.0] * len(world.joints)
+        self.seal_height_m = math.nan
+        self.held_s = 0.0
+
+    # The step.
+
+    def step(self, now_ns: int, lateness_s: float) -> None:
+        """Obeys the newest command, or brakes, for one step of the physics."""
+        world, publication, command = self.world, self.publication, self.command
+        n = len(world.joints)
+        gravity = world.gravity_torque(publication.position)
+        self.log.write(
+            time_s=world.time_s,
+            position_rad=publication.position,
+            velocity_rad_s=publication.velocity,
+            object_position_m=publication.object_position,
+            object_quaternion_wxyz=publication.object_quaternion,
+            sphere_position_m=publication.sphere_position,
+            gripper_state=int(world.gripper),
+            life_cycle=self.life_cycle,
+            lateness_s=lateness_s,
+        )
+        vacuum = command.gripper_command == GripperCommand.GRIP
+        if obeyed(command, n, publication.state.sequence, now_ns):
+            gravity_cmd = command.gravity_torque[:n]
+            wanted = [t + g for t, g in zip(command.torque[:n], gravity_cmd)]
+            applied = world.apply_torque(wanted)
+            self.timing.clamped_steps += applied != wanted
+            self.torque_measured = [a - g for a, g in zip(applied, gravity)]
+            self.log.write(
+                position_cmd_rad=command.position[:n],
+                velocity_cmd_rad_s=command.velocity[:n],
+                acceleration_cmd_rad_s2=command.acceleration[:n],
+                torque_n_m=applied,
+                gravity_torque_n_m=gravity_cmd,
+                command_mode=command.mode,
+                command_reason=command.reason,
+            )
+        else:
+            # The vacuum stays as it was last asked for: braking must not drop the object.
+            world.brake()
+            self.timing.braked_steps += 1
+            self.torque_measured = [0.0] * n
+        world.step(vacuum)
+        if world.sphere is not None:
+            self.log.write(contact_sphere=int(world.touches_sphere()))
+        self.log.next_row()
+
+    def judge(self) -> Outcome | None:
+        """Whether the run is over, after the newest state was read."""
+        world, task = self.world, self.scene.task
+        if world.steps >= self.steps_max:
+            return Outcome.TIMEOUT
+        if world.gripper != GripperState.HOLDING:
+            self.seal_height_m, self.held_s = math.nan, 0.0
+            return None
+        publication = self.publication
+        height = float(publication.object_position[2])
+        if math.isnan(self.seal_height_m):
+            self.seal_height_m = height
+        speed = float(np.linalg.norm(publication.object_velocity))
+        lifted = height - self.seal_height_m >= task.lift_height_m
+        if not lifted or speed > task.hold_speed_max_m_s:
+            self.held_s = 0.0
+            return None
+        self.held_s += world.dt_s
+        # The status is not in step with the states: in lockstep it must not decide.
+        done = self.options.lockstep or self.life_cycle == LifeCycle.DONE
+        if self.held_s >= task.hold_time_s + (0.0 if done else DONE_WAIT_S):
+            return Outcome.LIFTED
+        return None
+
+    def read_status(self, ports: StatePublisherPorts) -> None:
+        """Takes the newest status."""
+        if ports.receive_status(self.status):
+            self.life_cycle = int(self.status.life_cycle)
+
+    # Real time.
+
+    def real_time(self, ports: StatePublisherPorts, stop: StopSignal) -> Outcome:
+        """Steps against `CLOCK_MONOTONIC` until the run is over."""
+        publication, timing, n = self.publication, self.timing, len(self.world.joints)
+        waited_until = time.monotonic() + self.options.wait_s
+        deadline = time.monotonic_ns()
+        started_ns = deadline
+        while not stop.requested:
+            publication.fill(deadline, self.torque_measured)
+            ports.publish(publication.frames, publication.state)
+            self.read_status(ports)
+            outcome = self.judge() if self.world.moving else None
+            if outcome is not None:
+                break
+            deadline += self.dt_ns
+            late_ns = sleep_until(deadline)
+            if late_ns > self.dt_ns // 2:
+                deadline += late_ns
+                if self.world.moving:
+                    timing.slips += 1
+                    timing.slip_total_s += 1e-9 * late_ns
+                    timing.slip_max_s = max(timing.slip_max_s, 1e-9 * late_ns)
+            ports.receive_command(self.command)
+            now_ns = time.monotonic_ns()
+            if not self.world.moving:
+                if obeyed(self.command, n, publication.state.sequence, now_ns):
+                    self.world.moving = True
+                    started_ns = deadline
+                else:
+                    ports.update_connections()
+                    if time.monotonic() > waited_until:
+                        raise self.no_controller(self.options.wait_s)
+                    continue
+            self.step(now_ns, 1e-9 * late_ns)
+        else:
+            outcome = Outcome.STOPPED
+        if self.world.moving:
+            timing.wall_s = 1e-9 * (time.monotonic_ns() - started_ns)
+        return outcome
+
+    def no_controller(self, wait_s: float) -> BridgeError:
+        """No first command came."""
+        lockstep = " --lockstep" if self.options.lockstep else ""
+        return BridgeError(
+            f"no command from a controller within {wait_s:g} s: start "
+            f"`controller run{lockstep} --instance {self.options.instance} ...` beside this "
+            "bridge, as the same user"
+        )
+
+    # Lockstep.
+
+    def lockstep(self, ports: StatePublisherPorts, stop: StopSignal) -> Outcome:
+        """Steps a simulated clock, one command a state, until the run is over."""
+        publication = self.publication
+        self.world.moving = True
+        started = time.monotonic()
+        first = True
+        while True:
+            time_ns = LOCKSTEP_EPOCH_NS + self.world.steps * self.dt_ns
+            publication.fill(time_ns, self.torque_measured)
+            outcome = self.judge()
+            if outcome is not None:
+                break
+            ports.publish(publication.frames, publication.state)
+            answered = self.wait_for_answer(ports, stop, first)
+            if stop.requested:
+                outcome = Outcome.STOPPED
+                break
+            if not answered:
+                if first:
+                    raise self.no_controller(self.options.wait_s)
+                outcome = Outcome.CONTROLLER_LOST
+                break
+            if first:
+                started = time.monotonic()
+            first = False
+            self.read_status(ports)
+            self.recorded += bytes(self.command)
+            self.step(time_ns, 0.0)
+        self.timing.wall_s = time.monotonic() - started
+        return outcome
+
+    def wait_for_answer(self, ports: StatePublisherPorts, stop: StopSignal, first: bool) -> bool:
+        """Polls until the command to the newest state is there; `False` when it does not come."""
+        begun = time.monotonic()
+        limit_s = self.options.wait_s if first else LOCKSTEP_WAIT_S
+        sequence = self.publication.state.sequence
+        while not stop.requested:
+            if ports.receive_command(self.command) and self.command.state_sequence == sequence:
+                return True
+            waited_s = time.monotonic() - begun
+            if waited_s > limit_s:
+                return False
+            if first:
+                ports.update_connections()
+            if waited_s > POLL_SPIN_S:
+                time.sleep(POLL_SLEEP_S)
+        return False
+
+
+def sleep_until(deadline_ns: int) -> int:
+    """Sleeps until the deadline on `CLOCK_MONOTONIC` and gives how late it became [ns]."""
+    left_ns = deadline_ns - time.monotonic_ns()
+    if left_ns > 0:
+        time.sleep(1e-9 * left_ns)
+    return max(0, time.monotonic_ns() - deadline_ns)
+
+
+def check_start(world: World) -> None:
+    """Refuses an episode whose sphere would swing through the arm at its start."""
+    least = world.scene.sphere.start_clearance_min_m
+    links = world.collision_links()
+    samples = 48
+    period_s = 2.0 * math.pi / max(world.episode.sphere_speed_rad_s, 1e-9)
+    for sample in range(samples):
+        world.place_sphere(world.episode.sphere_motion(period_s * sample / samples))
+        if world.clearance(world.sphere, links, least) < least:
+            raise BridgeError(
+                f"{world.scene.file}: `sphere`: seed {world.episode.seed} brings the sphere "
+                f"nearer than start_clearance_min_m ({least:g} m) to the arm's home position"
+            )
+    world.place_sphere(world.sphere_motion())
+
+
+def run(scene: Scene, options: Options) -> int:
+    """Runs one episode, writes its log and prints what came of it; gives the exit code."""
+    # What the judgement needs is read first: a missing folder must not cost a whole run.
+    grasp = demonstrated_grasp(scene.task.demonstrations, scene.task.goal_frame)
+    episode = draw_episode(scene, options.seed)
+    world = World(scene, episode)
+    try:
+        check_start(world)
+        this = _Run(scene, options, world)
+        with (
+            StopSignal() as stop,
+            StatePublisherPorts(Instance(options.instance)) as ports,
+            _priority(options) as how,
+        ):
+            print(
+                f"instance {options.instance}: publishing at {scene.physics.rate_hz:g} Hz, {how}, "
+                "waiting for a controller",
+                flush=True,
+            )
+            gc.collect()
+            gc.freeze()
+            gc.disable()
+            try:
+                outcome = (this.lockstep if options.lockstep else this.real_time)(ports, stop)
+            finally:
+                gc.enable()
+                gc.unfreeze()
+        if this.log.rows == 0:
+            print(f"outcome: {outcome.value} before a first command: no log is written")
+            return 0
+        return _finish(this, outcome, grasp)
+    finally:
+        world.close()
+
+
+@contextmanager
+def _priority(options: Options) -> Iterator[str]:
+    """Real-time scheduling for the loop in real time, and how to call what came of it.
+
+    Lockstep polls: at a real-time priority it would starve whom it waits for.
+    """
+    wanted = PRIORITY_DEFAULT if options.priority is None else options.priority
+    if options.lockstep:
+        yield "in lockstep"
+        return
+    if wanted == 0:
+        yield "normal scheduling"
+        return
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(wanted))
+    except (OSError, ValueError) as error:
+        if options.priority is None:
+            yield "normal scheduling (no right to SCHED_FIFO: expect slips on a busy machine)"
+            return
+        raise BridgeError(
+            f"--priority {wanted}: not allowed ({error}): expected 1 to 99 and the right to "
+            "real-time scheduling (root, CAP_SYS_NICE or an rtprio limit); 0 goes on without"
+        ) from error
+    try:
+        yield f"SCHED_FIFO {wanted}"
+    finally:
+        os.sched_setscheduler(0, *before)
+
+
+def _finish(this: _Run, outcome: Outcome, grasp: Array) -> int:
+    scene, options, world, timing = this.scene, this.options, this.world, this.timing
+    timing.simulated_s = world.time_s
+    timing.real_time_factor = world.time_s / timing.wall_s if timing.wall_s > 0.0 else 0.0
+    log = this.log.finish(world.chain)
+    result = evaluate(scene, world, log, grasp)
+    lateness_ms = 1e3 * log["lateness_s"]
+    late = {
+        f"lateness_{name}_ms": float(np.percentile(lateness_ms, share)) if len(lateness_ms) else 0.0
+        for name, share in (("p50", 50), ("p99", 99), ("max", 100))
+    }
+    bridge = {
+        "scene": str(scene.file),
+        "seed": options.seed,
+        "instance": options.instance,
+        "mode": "lockstep" if options.lockstep else "real time",
+        "physics_rate_hz": scene.physics.rate_hz,
+        "outcome": outcome.value,
+        "episode": asdict(world.episode),
+        "timing": {**asdict(timing), **late},
+        "result": result,
+    }
+    save(options.out, log, bridge)
+    if options.record_commands is not None:
+        options.record_commands.write_bytes(this.recorded)
+    print_summary(bridge)
+    print(f"log: {options.out}")
+    succeeded = outcome == Outcome.LIFTED and result["success"]
+    return 0 if succeeded or outcome == Outcome.STOPPED else 1
+
+
+def print_summary(bridge: dict) -> None:
+    """Prints what came of a run."""
+    timing, result = bridge["timing"], bridge["result"]
+    print(f"outcome: {bridge['outcome']} after {timing['simulated_s']:.2f} s")
+    if bridge["mode"] == "real time":
+        print(
+            f"real-time factor {timing['real_time_factor']:.4f}, {timing['slips']} slips "
+            f"(together {1e3 * timing['slip_total_s']:.1f} ms, largest "
+            f"{1e3 * timing['slip_max_s']:.1f} ms), lateness p99 {timing['lateness_p99_ms']:.2f} ms"
+        )
+    print(
+        f"braked steps {timing['braked_steps']}, steps with a clamped torque "
+        f"{timing['clamped_steps']}"
+    )
+    print(f"success: {'yes' if result['success'] else 'no'}")
+    for key, value in result.items():
+        if key != "success":
+            print(f"  {key}: {value:.4g}" if isinstance(value, float) else f"  {key}: {value}")

@@ -1,0 +1,223 @@
+"""Opening the services of an instance, with errors a user can act on, and stopping cleanly."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import shutil
+import signal
+from pathlib import Path
+from types import FrameType, TracebackType
+
+import iceoryx2
+
+from sim_bridge.errors import BridgeError
+from sim_bridge.messages import ControllerStatus, JointCommand, RobotState, TaskFrames
+
+SHARED_MEMORY = Path("/dev/shm")
+SHARED_MEMORY_MIN_BYTES = 4 << 20
+"""Least free shared memory needed to open an instance: a full one ends in SIGBUS."""
+
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
+
+
+class Instance:
+    """One running system: a robot, its publisher and its controller share an instance name.
+
+    Its files are `/dev/shm/tprmp_<name>_*` and the folder `/tmp/tprmp-<user id>/<name>/`,
+    readable and writable by this user only.
+    """
+
+    def __init__(self, name: str) -> None:
+        if not _NAME.fullmatch(name):
+            raise BridgeError(
+                f"instance name `{name}`: expected 1 to 32 of the characters a-z, A-Z, 0-9, "
+                "`-` and `_`"
+            )
+        self.name = name
+        self.prefix = f"tprmp_{name}_"
+        self.root = Path(f"/tmp/tprmp-{os.getuid()}/{name}/")
+
+    def node(self) -> iceoryx2.Node:
+        """A node of this instance; raises `BridgeError` when it cannot be created."""
+        free = shutil.disk_usage(SHARED_MEMORY).free
+        if free < SHARED_MEMORY_MIN_BYTES:
+            raise BridgeError(
+                f"{SHARED_MEMORY} has {free} bytes free, at least {SHARED_MEMORY_MIN_BYTES} are "
+                "needed: remove what fills it, or mount it larger"
+            )
+        iceoryx2.set_log_level(iceoryx2.LogLevel.Error)
+        config = iceoryx2.config.default()
+        config.global_cfg.prefix = iceoryx2.FileName.new(self.prefix)
+        config.global_cfg.root_path = iceoryx2.Path.new(f"{self.root}/")
+        try:
+            return (
+                iceoryx2.NodeBuilder.new()
+                .config(config)
+                .signal_handling_mode(iceoryx2.SignalHandlingMode.Disabled)
+                .create(iceoryx2.ServiceType.Ipc)
+            )
+        except iceoryx2.NodeCreationFailure as error:
+            raise BridgeError(
+                f"no shared-memory node could be created ({error}): check that {self.root} and "
+                f"{SHARED_MEMORY} are writable by this user"
+            ) from error
+
+    def service(
+        self, node: iceoryx2.Node, topic: str, message: type[ctypes.Structure]
+    ) -> tuple[str, iceoryx2.PortFactoryPublishSubscribe]:
+        """Opens or creates a service; raises `BridgeError` when the other side differs."""
+        name = f"{self.name}/{topic}/v1"
+        try:
+            return name, (
+                node.service_builder(iceoryx2.ServiceName.new(name))
+                .publish_subscribe(message)
+                .max_publishers(1)
+                .max_subscribers(8)
+                .max_nodes(16)
+                .history_size(1)
+                .subscriber_max_buffer_size(1)
+                .enable_safe_overflow(True)
+                .open_or_create()
+            )
+        except iceoryx2.PublishSubscribeOpenOrCreateError as error:
+            if "IncompatibleTypes" in str(error):
+                raise BridgeError(
+                    f"service `{name}` exists with another message type or size than this "
+                    f"program's {message.type_name()} of {ctypes.sizeof(message)} bytes: both "
+                    "sides must be of the same version"
+                ) from error
+            raise BridgeError(f"service `{name}` could not be opened: {error}") from error
+
+    def publisher(
+        self, node: iceoryx2.Node, topic: str, message: type[ctypes.Structure]
+    ) -> iceoryx2.Publisher:
+        """The publisher of a service; raises `BridgeError` when there is one already."""
+        name, service = self.service(node, topic, message)
+        try:
+            return service.publisher_builder().create()
+        except iceoryx2.PublisherCreateError as error:
+            if "ExceedsMaxSupportedPublishers" in str(error):
+                raise BridgeError(
+                    f"service `{name}` already has a publisher: another one is running on this "
+                    "instance"
+                ) from error
+            raise BridgeError(f"service `{name}` could not be opened: {error}") from error
+
+    def subscriber(
+        self, node: iceoryx2.Node, topic: str, message: type[ctypes.Structure]
+    ) -> iceoryx2.Subscriber:
+        """A subscriber of a service."""
+        name, service = self.service(node, topic, message)
+        try:
+            return service.subscriber_builder().create()
+        except iceoryx2.SubscriberCreateError as error:
+            raise BridgeError(f"service `{name}` could not be opened: {error}") from error
+
+    def remove_leftovers(self) -> None:
+        """Takes away what iceoryx2 leaves of an instance without nodes.
+
+        That is a counter of 16 bytes in shared memory, and empty folders. A folder that is in
+        use is not empty, and stays.
+        """
+        nodes = self.root / "nodes"
+        if nodes.is_dir() and any(nodes.iterdir()):
+            return
+        for file in SHARED_MEMORY.glob(f"{self.prefix}*.global_mgmt"):
+            file.unlink(missing_ok=True)
+        for folder in (nodes, self.root / "services", self.root):
+            try:
+                folder.rmdir()
+            except OSError:
+                # In use, or gone already: another process was faster.
+                continue
+
+
+class StatePublisherPorts:
+    """The ports of a state publisher; closed at the end of the `with` block, without leftovers."""
+
+    def __init__(self, instance: Instance) -> None:
+        self._instance = instance
+        self._node = instance.node()
+        try:
+            node = self._node
+            self.state = instance.publisher(node, "robot_state", RobotState)
+            self.frames = instance.publisher(node, "task_frames", TaskFrames)
+            self.command = instance.subscriber(node, "joint_command", JointCommand)
+            self.status = instance.subscriber(node, "controller_status", ControllerStatus)
+        except BridgeError:
+            self.close()
+            raise
+
+    def publish(self, frames: TaskFrames, state: RobotState) -> None:
+        """Publishes the frames first, so that whoever waits for the state finds both."""
+        self.frames.send_copy(frames)
+        self.state.send_copy(state)
+
+    def receive_command(self, into: JointCommand) -> bool:
+        """Copies the newest command that was not received yet; `False` when there is none."""
+        return _receive(self.command, into)
+
+    def receive_status(self, into: ControllerStatus) -> bool:
+        """Copies the newest status that was not received yet; `False` when there is none."""
+        return _receive(self.status, into)
+
+    def update_connections(self) -> None:
+        """Connects to subscribers that appeared, which hands them the last message."""
+        self.frames.update_connections()
+        self.state.update_connections()
+
+    def close(self) -> None:
+        """Lets go of every port and then of the node, and takes away what they leave."""
+        for port in ("state", "frames", "command", "status"):
+            self.__dict__.pop(port, None)
+        self._node = None
+        self._instance.remove_leftovers()
+
+    def __enter__(self) -> StatePublisherPorts:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _receive(subscriber: iceoryx2.Subscriber, into: ctypes.Structure) -> bool:
+    sample = subscriber.receive()
+    if sample is None:
+        return False
+    ctypes.memmove(ctypes.byref(into), sample.payload_ptr, ctypes.sizeof(into))
+    sample.delete()
+    return True
+
+
+class StopSignal:
+    """SIGINT and SIGTERM ask for a clean stop; a second one ends the process at once."""
+
+    def __init__(self) -> None:
+        self.requested = False
+        self._before: dict[int, object] = {}
+
+    def _handle(self, number: int, _frame: FrameType | None) -> None:
+        if self.requested:
+            os._exit(128 + number)
+        self.requested = True
+
+    def __enter__(self) -> StopSignal:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._before[number] = signal.signal(number, self._handle)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
