@@ -6,8 +6,16 @@ use std::path::Path;
 #[test]
 fn top_level_holds_only_the_named_folders() {
     let named = [
-        "benches", "config", "controller", "learner", "sim-bridge", "tests", "target",
-        ".ci", ".git", ".cargo",
+        "benches",
+        "config",
+        "controller",
+        "learner",
+        "sim-bridge",
+        "tests",
+        "target",
+        ".ci",
+        ".git",
+        ".cargo",
     ];
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     for entry in std::fs::read_dir(root).unwrap().flatten() {

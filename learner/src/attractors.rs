@@ -5,40 +5,45 @@ use tprmp_rmpflow::field::Field;
 
 /// Step of the flow [s].
 const STEP_S: f64 = 0.02;
-/// Bound on the steps of one flow: 20 s.
+/// Bound on the steps of one rollout: 20 s.
 const STEPS_MAX: u32 = 1000;
-/// Nearer to the goal than this, the goal is reached: its Hessian is checked on its own [ŷ].
+/// Nearer to the goal than this [ŷ], and slower [ŷ/s], the goal is reached: its Hessian is checked
+/// on its own.
 const REACHED: f64 = 0.03;
-/// Slower than this the flow is at rest [ŷ/s].
+/// Slower than this the policy is at rest [ŷ/s].
 const REST_SPEED: f64 = 1e-4;
 /// Ends nearer to each other than this are the same [ŷ].
 const SAME: f64 = 0.05;
 
-/// Follows the overdamped flow ẏ = −M⁻¹∇Φ/d from each start, and returns where it ends elsewhere
-/// than at the goal, each place once. The flow rests where the policy rests, and only there.
+/// Follows the policy from rest at each start, and returns where it is at the end when that is not
+/// the goal, each place once: an attractor, or a plateau on which it hardly moves.
+///
+/// The semi-implicit Euler rule is stable while M⁻¹H stays below 10⁴/s².
 #[must_use]
 pub fn stray_attractors<const D: usize>(
     field: &Field<D>,
     starts: impl Iterator<Item = SVector<f64, D>>,
 ) -> Vec<SVector<f64, D>> {
     let goal = field.goal();
-    let rest = SVector::zeros();
     let mut found: Vec<SVector<f64, D>> = Vec::new();
-    'starts: for start in starts {
+    for start in starts {
         let mut y = start;
+        let mut velocity = SVector::<f64, D>::zeros();
+        let mut reached = false;
         for _ in 0..STEPS_MAX {
-            if (y - goal).norm() < REACHED {
-                continue 'starts;
-            }
-            let value = field.evaluate(&y, &rest);
+            reached = (y - goal).norm() < REACHED && velocity.norm() < REACHED;
+            let value = field.evaluate(&y, &velocity);
             let Some(factor) = value.metric.cholesky() else { break };
-            let velocity = factor.solve(&value.gradient) / -value.damping;
-            if velocity.norm() < REST_SPEED {
+            let acceleration = factor.solve(&value.force(&velocity));
+            let rests =
+                velocity.norm() < REST_SPEED && acceleration.norm() < REST_SPEED * value.damping;
+            if reached || rests {
                 break;
             }
+            velocity += acceleration * STEP_S;
             y += velocity * STEP_S;
         }
-        if found.iter().all(|other| (other - y).norm() > SAME) {
+        if !reached && found.iter().all(|other| (other - y).norm() > SAME) {
             found.push(y);
         }
     }
@@ -59,7 +64,7 @@ mod tests {
             metric: Matrix2::identity(),
             potential,
             gradient: Vector2::zeros(),
-            hessian: Matrix2::identity() * 20.0,
+            hessian: Matrix2::identity() * 2.0,
         };
         let background =
             Background { exponent: -8.0, metric: 1.0, offset: 3.0, slope: 9.0, softening: 0.3 };

@@ -128,13 +128,6 @@ pub(crate) struct Extremes {
     pub(crate) velocity_fraction_max: f64,
 }
 
-impl Default for Extremes {
-    fn default() -> Self {
-        let clearance_min_m = f64::MAX;
-        Self { clearance_min_m, effort_fraction_max: 0.0, velocity_fraction_max: 0.0 }
-    }
-}
-
 impl Bridge {
     /// The schema this program writes and reads.
     pub(crate) fn schema() -> String {

@@ -134,6 +134,11 @@ impl Run {
             size: [world.episode.obstacle.radius_m, 0.0, 0.0],
             ..Default::default()
         };
+        let extremes = Extremes {
+            clearance_min_m: world.clearance_m(),
+            effort_fraction_max: 0.0,
+            velocity_fraction_max: 0.0,
+        };
         let physics = &scene.physics;
         let steps_max = (physics.time_limit_s * f64::from(physics.rate_hz)).ceil() as u64;
         let record = options.record_commands.is_some() && options.lockstep;
@@ -154,7 +159,7 @@ impl Run {
             recorded: record
                 .then(|| Vec::with_capacity((steps_max as usize + 1) * size_of::<JointCommand>())),
             timing: Timing::default(),
-            extremes: Extremes::default(),
+            extremes,
         })
     }
 

@@ -92,8 +92,8 @@ fn control(
             joint_count: 2,
             ..Default::default()
         };
-        for i in 0..2 {
-            command.torque[i] = 20.0 * (goal[i] - newest.position[i]) - 10.0 * newest.velocity[i];
+        for (i, goal) in goal.iter().enumerate().take(2) {
+            command.torque[i] = 20.0 * (goal - newest.position[i]) - 10.0 * newest.velocity[i];
         }
         if sequence == leave_at {
             command.mode = CommandMode::Stop.to_wire();

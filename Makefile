@@ -1,0 +1,87 @@
+# make demo          the main job: learn the pick and run it on a simulated UR5 (SEED=n varies the scene)
+# make demo-planar   the same in the plane, without Python
+# make test          set everything up and pass all tests
+# make lint          formatting and static checks
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+
+SEED ?= 1
+# The first Python that pybullet has packages for; `make PYTHON=/path/to/python3.11` chooses one.
+PYTHON ?= $(firstword $(foreach p,python3.11 python3.10 python3.9,$(if $(shell $(p) -c '' 2>/dev/null && echo yes),$(p))) python3)
+CARGO ?= cargo
+
+BIN := target/release
+VENV := target/venv
+BRIDGE := $(VENV)/bin/sim-bridge
+
+.PHONY: help demo demo-planar test lint build venv clean
+
+help:
+	@sed -n '/^# make/s/^# //p' Makefile
+
+build:
+	@echo '== building (release)'
+	$(CARGO) build --release --locked --workspace --bins
+
+venv: $(VENV)/ready
+
+$(VENV)/ready: sim-bridge/requirements.txt sim-bridge/pyproject.toml
+	@echo '== setting up Python in $(VENV)'
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
+	    (3, 9) <= v <= (3, 11) or sys.exit(f"Python 3.9, 3.10 or 3.11 is needed, for which pybullet has packages; " \
+	    f"`$(PYTHON)` is Python {v[0]}.{v[1]}. Install one of them, or name it: make PYTHON=/path/to/python3.11")'
+	$(PYTHON) -m venv --clear $(VENV)
+	$(VENV)/bin/python -m pip install --disable-pip-version-check --require-hashes --only-binary :all: \
+	    -r sim-bridge/requirements.txt
+	$(VENV)/bin/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation -e sim-bridge
+	@touch $@
+
+# $(call together,CONTROLLER,BRIDGE): runs both; the controller ends by itself or is asked to.
+# The bridge's exit code 1 says that the task failed: the report tells why.
+define together
+	$(1) & controller=$$!; trap 'kill -INT $$controller 2>/dev/null' EXIT; \
+	$(2); code=$$?; \
+	for i in {1..30}; do kill -0 $$controller 2>/dev/null || break; sleep 0.1; done; \
+	kill -INT $$controller 2>/dev/null; wait $$controller; trap - EXIT; \
+	[ $$code -le 1 ]
+endef
+
+demo: build venv
+	@rm -rf target/demo && mkdir -p target/demo
+	@echo '== learning the pick from config/demonstrations/pick'
+	@$(BIN)/learner train config/skills/pick.ron --out target/demo/pick.model.ron
+	@echo '== running it: simulator and controller, seed $(SEED)'
+	@$(call together, \
+	    $(BIN)/controller run config/controllers/ur5_pick.ron --model target/demo/pick.model.ron \
+	        --instance demo --summary target/demo/controller.json --until-done, \
+	    $(BRIDGE) run --scene config/scenes/pick.json --seed $(SEED) --out target/demo --instance demo --wait-s 10)
+	@echo '== report'
+	@$(BRIDGE) report target/demo
+
+demo-planar: build
+	@rm -rf target/demo-planar && mkdir -p target/demo-planar
+	@echo '== learning a planar skill from config/demonstrations/planar'
+	@$(BIN)/learner train config/skills/planar.ron --out target/demo-planar/planar.model.ron
+	@echo '== running it: simulator and controller, seed $(SEED)'
+	@$(call together, \
+	    $(BIN)/controller run config/controllers/planar.ron --model target/demo-planar/planar.model.ron \
+	        --instance demo-planar --summary target/demo-planar/controller.json --until-done, \
+	    $(BIN)/planar-sim run --seed $(SEED) --out target/demo-planar --instance demo-planar)
+	@echo '== report'
+	@$(BIN)/planar-sim report target/demo-planar
+
+test: build venv
+	@echo '== Rust tests, of several processes too'
+	$(CARGO) test --release --locked --workspace
+	@echo '== Python tests'
+	$(VENV)/bin/python -m pytest -q sim-bridge/tests
+
+lint: venv
+	@echo '== lint'
+	$(CARGO) fmt --all --check
+	$(CARGO) clippy --release --locked --workspace --all-targets -- -D warnings
+	$(VENV)/bin/ruff check sim-bridge
+	$(VENV)/bin/ruff format --check sim-bridge
+
+clean:
+	rm -rf target sim-bridge/*.egg-info
