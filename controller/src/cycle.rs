@@ -124,7 +124,7 @@ impl<const N: usize> Cycle<N> {
             limits: JointLimits::new(policy.chain(), &config.robot),
             workspace: Workspace::new(),
             gravity_m_s2: config.robot.gravity_m_s2.into(),
-            course: Course::new(config.lift, config.done),
+            course: Course::new(config.lift, config.done, policy.turns()),
             policy,
             config,
             pace,
@@ -451,9 +451,11 @@ impl<const N: usize> Cycle<N> {
         let missed = published_ns > wake.deadline_ns || wake.skipped > 0;
         let counted = missed && self.pace == Pace::RealTime(Trigger::Periodic);
         self.overruns_in_a_row = if counted { self.overruns_in_a_row + 1 } else { 0 };
+        // A state that was refused was not used.
+        let used = self.state.as_ref().filter(|_| reason == Reason::None);
         let times = TickTimes {
             wake_up_ns: wake.late_ns,
-            state_age_ns: self.state.as_ref().map(|s| wake.now_ns.saturating_sub(s.time_ns)),
+            state_age_ns: used.map(|s| wake.now_ns.saturating_sub(s.time_ns)),
             compute_ns: published_ns - wake.woke_ns,
         };
         self.telemetry.record(&times, counted, reason);

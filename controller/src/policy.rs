@@ -142,6 +142,12 @@ impl<const N: usize> Policy<N> {
         &self.chain
     }
 
+    /// Whether the skill leads the orientation too.
+    #[must_use]
+    pub fn turns(&self) -> bool {
+        self.skill.orientation.is_some()
+    }
+
     /// Evaluates the tree  [thesis algorithm 4.1]: pushforward, leaves, pullback, resolve.
     ///
     /// * `q`, `qd`  joint positions and velocities, N

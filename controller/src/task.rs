@@ -12,6 +12,8 @@ use crate::policy::Task;
 pub struct Course {
     lift: Option<Lift>,
     done: Done,
+    /// Whether the skill has a say in the orientation.
+    turns: bool,
     stage: Stage,
     gripper: GripperCommand,
 }
@@ -43,10 +45,10 @@ impl Remaining {
 }
 
 impl Course {
-    /// A task that begins with its skill.
+    /// A task that begins with its skill; `turns` when that skill leads the orientation too.
     #[must_use]
-    pub fn new(lift: Option<Lift>, done: Done) -> Self {
-        Self { lift, done, stage: Stage::Skill, gripper: GripperCommand::Release }
+    pub fn new(lift: Option<Lift>, done: Done, turns: bool) -> Self {
+        Self { lift, done, turns, stage: Stage::Skill, gripper: GripperCommand::Release }
     }
 
     /// What the tool should do now.
@@ -84,7 +86,10 @@ impl Course {
             Stage::Skill => (skill_goal, LifeCycle::Running),
             Stage::Lift { goal } => (goal, LifeCycle::Lifting),
         };
-        let remaining = Remaining::between(tool, goal);
+        let mut remaining = Remaining::between(tool, goal);
+        if !self.turns {
+            remaining.angle_rad = 0.0;
+        }
         self.gripper = match (&self.stage, &self.lift) {
             (Stage::Lift { .. }, _) => GripperCommand::Grip,
             (Stage::Skill, Some(lift))
@@ -126,7 +131,7 @@ mod tests {
 
     #[test]
     fn a_pick_lifts_once_the_gripper_holds_and_starts_over_when_it_loses_the_object() {
-        let mut course = Course::new(Some(LIFT), DONE);
+        let mut course = Course::new(Some(LIFT), DONE, true);
         let goal = at(0.5, 0.0);
         let step = |course: &mut Course, gripper, tool| course.advance(gripper, &tool, &goal).0;
         assert_eq!(step(&mut course, GripperState::Open, at(0.4, 0.0)), LifeCycle::Running);
@@ -144,11 +149,13 @@ mod tests {
 
     #[test]
     fn without_a_lift_the_skill_s_goal_is_the_task() {
-        let mut course = Course::new(None, DONE);
+        let mut course = Course::new(None, DONE, false);
         let (cycle, remaining) = course.advance(GripperState::None, &at(0.3, 0.0), &at(0.5, 0.0));
         assert_eq!(cycle, LifeCycle::Running);
         assert!((remaining.distance_m - 0.2).abs() < 1e-12);
-        let (cycle, _) = course.advance(GripperState::None, &at(0.495, 0.0), &at(0.5, 0.0));
+        // A skill of positions does not wait for an orientation.
+        let goal = Pose { orientation: DQuat::from_rotation_z(1.0), ..at(0.5, 0.0) };
+        let (cycle, _) = course.advance(GripperState::None, &at(0.495, 0.0), &goal);
         assert_eq!(cycle, LifeCycle::Done);
         assert_eq!(course.gripper(), GripperCommand::Release);
     }

@@ -243,8 +243,9 @@ class _Run:
             self.held_s = 0.0
             return None
         self.held_s += world.dt_s
-        # The status is not in step with the states: in lockstep it must not decide.
-        done = self.options.lockstep or self.life_cycle == LifeCycle.DONE
+        # A controller that leaves once it is done still needs states for its ramp to rest; in
+        # lockstep only what is in step with the states may decide.
+        done = self.options.lockstep or self.command.mode == CommandMode.STOP
         if self.held_s >= task.hold_time_s + (0.0 if done else DONE_WAIT_S):
             return Outcome.LIFTED
         return None

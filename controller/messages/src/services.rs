@@ -21,9 +21,7 @@ pub const SHARED_MEMORY_MIN_BYTES: u64 = 4 << 20;
 #[derive(Debug, Error)]
 pub enum ServiceError {
     /// The name of the instance cannot be part of a service's name.
-    #[error(
-        "instance name `{0}`: expected 1 to 32 of the characters a-z, A-Z, 0-9, `-` and `_`"
-    )]
+    #[error("instance name `{0}`: expected 1 to 32 of the characters a-z, A-Z, 0-9, `-` and `_`")]
     InstanceName(String),
     /// There is not enough free shared memory.
     #[error(

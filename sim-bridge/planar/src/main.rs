@@ -30,7 +30,8 @@ use scene::Scene;
 ///
 ///   planar-sim run --seed 1 --out target/demo-planar
 ///
-///   controller run config/controllers/planar.ron --model MODEL --until-done
+///   controller run config/controllers/planar.ron --model MODEL --until-done \
+///     --summary target/demo-planar/controller.json
 ///
 /// and afterwards `planar-sim report target/demo-planar`.
 #[derive(Debug, Parser)]

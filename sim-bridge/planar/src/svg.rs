@@ -68,7 +68,7 @@ impl Axis {
             let stride = ((high - low) / 8 + 1).max(1) as usize;
             return (low..=high).step_by(stride).map(|e| 10_f64.powi(e)).collect();
         }
-        let step = nice_step((self.high - self.low) / 6.0);
+        let step = nice_step((self.high - self.low) / 7.0);
         let first = (self.low / step - 1e-9).ceil() as i64;
         let last = (self.high / step + 1e-9).floor() as i64;
         (first..=last).map(|i| i as f64 * step).collect()
@@ -342,7 +342,7 @@ mod tests {
     #[test]
     fn ticks_are_round_and_inside() {
         let axis = Axis::linear("t [s]", -0.13, 6.2);
-        assert_eq!(axis.ticks(), [0.0, 2.0, 4.0, 6.0]);
+        assert_eq!(axis.ticks(), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
         let axis = Axis::logarithmic("error [mm]", 0.07, 2400.0);
         assert_eq!(axis.ticks().len(), 7);
         assert!((axis.share(10.0) - 0.5).abs() < 1e-12);
