@@ -107,7 +107,7 @@ impl<const N: usize> Policy<N> {
         config: &ControllerConfig,
     ) -> Self {
         let collision = config.collision.as_ref().map(|collision| CollisionNode {
-            leaf: collision.leaf(),
+            leaf: collision.avoidance.leaf(),
             margin_m: collision.margin_m,
             points: control_points
                 .as_slice()

@@ -17,6 +17,34 @@
 //!
 //! iceoryx2 compares only type name, size and alignment when a service is opened: the version
 //! stands in the type name, padding is explicit and every offset is asserted in [`layout`].
+//!
+//! A state publisher, whole:
+//!
+//! ```
+//! use tprmp_messages::{Frame, Instance, RobotState, TaskFrames, name_bytes};
+//!
+//! let ports = Instance::new("readme-example")?.open_state_publisher()?;
+//! let mut state = RobotState { joint_count: 2, ..Default::default() };
+//! let mut frames = TaskFrames { frame_count: 1, ..Default::default() };
+//! frames.frames[0] = Frame {
+//!     name: name_bytes("end").expect("a short name"),
+//!     valid: 1,
+//!     position: [2.0, 1.0, 0.0],
+//!     quaternion: [1.0, 0.0, 0.0, 0.0],
+//!     ..Default::default()
+//! };
+//! for tick in 1..=3 {
+//!     state.sequence = tick;
+//!     frames.sequence = tick;
+//!     state.time_ns = 1_000_000 * tick; // a real publisher: CLOCK_MONOTONIC
+//!     frames.time_ns = state.time_ns;
+//!     assert!(ports.frames.publish(frames) && ports.state.publish(state));
+//!     if let Some(command) = ports.command.receive() {
+//!         println!("apply {:?} N m", command.torque); // until command.expiry_ns, then brake
+//!     }
+//! }
+//! # Ok::<(), tprmp_messages::ServiceError>(())
+//! ```
 
 mod layout;
 mod messages;

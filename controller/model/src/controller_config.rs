@@ -149,14 +149,12 @@ pub enum ExemptObstacle {
     HalfSpace,
 }
 
-/// Collision avoidance.
-#[derive(Debug, Clone, Deserialize)]
+/// How a clearance is kept.
+#[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Collision {
-    /// Within this clearance a link gives way to an obstacle \[m\].
+pub struct Avoidance {
+    /// Within this clearance the leaf speaks \[m\].
     pub activation_distance_m: f64,
-    /// Clearance that is kept \[m\].
-    pub margin_m: f64,
     /// Clearance below which the leaf no longer grows \[m\].
     pub clearance_min_m: f64,
     /// Inertia of the leaf \[kg\].
@@ -169,6 +167,16 @@ pub struct Collision {
     pub repulsion_m2_s2: f64,
     /// Damping of the approach \[1/s\].
     pub damping_1_s: f64,
+}
+
+/// Collision avoidance.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Collision {
+    /// Clearance that is added to every link's radius \[m\].
+    pub margin_m: f64,
+    /// How the clearance between links and obstacles is kept.
+    pub avoidance: Avoidance,
     /// Pairs that need not keep apart, e.g. the tool and the table it picks from.
     pub exempt: Vec<Exemption>,
 }
@@ -183,20 +191,8 @@ pub struct Approach {
     pub depth_m: f64,
     /// Half-width of the funnel's hole \[m\].
     pub width_m: f64,
-    /// Within this clearance of the funnel's surface the tool gives way \[m\].
-    pub activation_distance_m: f64,
-    /// Clearance below which the leaf no longer grows \[m\].
-    pub clearance_min_m: f64,
-    /// Inertia of the leaf \[kg\].
-    pub inertia_kg: f64,
-    /// Share of the inertia that speaks at any velocity.
-    pub rest_share: f64,
-    /// Approach speed that counts as fast \[m/s\].
-    pub approach_speed_m_s: f64,
-    /// Strength of the repulsion \[m²/s²\].
-    pub repulsion_m2_s2: f64,
-    /// Damping of the approach \[1/s\].
-    pub damping_1_s: f64,
+    /// How the clearance from the funnel's surface is kept.
+    pub avoidance: Avoidance,
 }
 
 /// Damping in joint space.
@@ -292,7 +288,7 @@ pub struct ControllerConfig {
     pub real_time: RealTime,
 }
 
-impl Collision {
+impl Avoidance {
     /// The leaf.
     #[must_use]
     pub fn leaf(&self) -> CollisionAvoidance {
@@ -316,15 +312,7 @@ impl Approach {
             axis: DVec3::from(self.axis).normalize(),
             depth_m: self.depth_m,
             width_m: self.width_m,
-            leaf: CollisionAvoidance {
-                activation_distance_m: self.activation_distance_m,
-                clearance_min_m: self.clearance_min_m,
-                inertia_kg: self.inertia_kg,
-                rest_share: self.rest_share,
-                approach_speed_m_s: self.approach_speed_m_s,
-                repulsion_m2_s2: self.repulsion_m2_s2,
-                damping_1_s: self.damping_1_s,
-            },
+            leaf: self.avoidance.leaf(),
         }
     }
 }
@@ -432,7 +420,7 @@ impl Check<'_> {
         }
     }
 
-    fn avoidance(&mut self, group: &str, leaf: &CollisionAvoidance) {
+    fn avoidance(&mut self, group: &str, leaf: &Avoidance) {
         let key = |name: &str| format!("{group}.{name}");
         self.positive(&key("activation_distance_m"), leaf.activation_distance_m);
         self.positive(&key("clearance_min_m"), leaf.clearance_min_m);
@@ -506,7 +494,7 @@ impl ControllerConfig {
         check.not_negative("joint_damping.inertia", self.joint_damping.inertia);
         check.not_negative("joint_damping.damping_1_s", self.joint_damping.damping_1_s);
         if let Some(collision) = &self.collision {
-            check.avoidance("collision", &collision.leaf());
+            check.avoidance("collision.avoidance", &collision.avoidance);
             check.not_negative("collision.margin_m", collision.margin_m);
         }
         if let Some(approach) = &self.approach {
@@ -516,7 +504,7 @@ impl ControllerConfig {
             }
             check.positive("approach.depth_m", approach.depth_m);
             check.positive("approach.width_m", approach.width_m);
-            check.avoidance("approach", &approach.leaf().leaf);
+            check.avoidance("approach.avoidance", &approach.avoidance);
         }
         if let Some(lift) = &self.lift {
             check.positive("lift.grip_distance_m", lift.grip_distance_m);

@@ -20,6 +20,17 @@ pub enum ResolveError {
     ForceNotFinite,
 }
 
+impl core::fmt::Display for ResolveError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::MetricNotPositiveDefinite => "the metric at the root is not positive definite",
+            Self::ForceNotFinite => "the force at the root is not finite",
+        })
+    }
+}
+
+impl core::error::Error for ResolveError {}
+
 impl<const N: usize> Natural<N> {
     /// No policy: zero force, zero metric.
     #[must_use]
