@@ -33,6 +33,8 @@ time" or "lockstep"), `physics_rate_hz`, `outcome` ("lifted", "timeout", "stoppe
 from __future__ import annotations
 
 import json
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +112,10 @@ def load(folder: Path) -> tuple[Log, dict[str, object]]:
         with np.load(folder / LOG_FILE) as archive:
             log = {key: archive[key] for key in archive.files}
         bridge = json.loads((folder / BRIDGE_FILE).read_text(encoding="utf-8"))
+    except (zipfile.BadZipFile, zlib.error, EOFError, UnicodeDecodeError) as error:
+        raise BridgeError(
+            f"{folder / LOG_FILE}: is damaged ({error}): repeat `sim-bridge run`"
+        ) from error
     except (OSError, ValueError) as error:
         raise BridgeError(
             f"{folder}: expected {LOG_FILE} and {BRIDGE_FILE} of `sim-bridge run`: {error}"

@@ -23,7 +23,7 @@ from sim_bridge.poses import Array
 from sim_bridge.scene import Scene
 
 # From there, because it keeps what pybullet prints when it is imported off the terminal.
-from sim_bridge.world import BulletClient, _quiet, pybullet
+from sim_bridge.world import BulletClient, pybullet, quiet
 
 # Colours of things, the same in every picture and plot (Okabe and Ito's, safe for colour-blind).
 TOOL_COLOUR = "#0072b2"
@@ -107,7 +107,7 @@ class Stage:
 
     def __init__(self, scene: Scene, log: Log, width: int, height: int) -> None:
         self.log, self.size = log, (width, height)
-        with _quiet(1):
+        with quiet(1):
             self.client = BulletClient(connection_mode=pybullet.DIRECT)
             self._load(scene)
         self.view = _View(CAMERA, SUPERSAMPLING * width, SUPERSAMPLING * height)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -103,12 +101,7 @@ def load_run(folder: Path) -> Run:
 
 
 def _load_log(folder: Path) -> tuple[Log, dict]:
-    try:
-        log, bridge = load(folder)
-    except (zipfile.BadZipFile, zlib.error, EOFError, UnicodeDecodeError) as error:
-        raise BridgeError(
-            f"{folder / LOG_FILE}: is damaged ({error}): repeat `sim-bridge run`"
-        ) from error
+    log, bridge = load(folder)
     for key, kind in (("scene", str), ("seed", int), ("mode", str), ("outcome", str)):
         if not isinstance(bridge.get(key), kind):
             raise BridgeError(

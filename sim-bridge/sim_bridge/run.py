@@ -35,7 +35,6 @@ from sim_bridge.messages import (
     GripperCommand,
     GripperState,
     JointCommand,
-    LifeCycle,
     ObstacleKind,
     RobotState,
     TaskFrames,

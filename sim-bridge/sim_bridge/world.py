@@ -27,7 +27,7 @@ from sim_bridge.scene import Episode, Motion, Scene
 
 
 @contextmanager
-def _quiet(descriptor: int) -> Iterator[None]:
+def quiet(descriptor: int) -> Iterator[None]:
     """Keeps what pybullet's C code prints while it loads off the terminal."""
     sys.stdout.flush()
     sys.stderr.flush()
@@ -44,7 +44,7 @@ def _quiet(descriptor: int) -> Iterator[None]:
 
 
 # It prints the time it was built on standard error when it is imported.
-with _quiet(2):
+with quiet(2):
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
 
@@ -78,7 +78,7 @@ class World:
         self._constraint: int | None = None
         self._free = False
         self._braked: bool | None = None
-        with _quiet(1):
+        with quiet(1):
             self.client = BulletClient(connection_mode=pybullet.DIRECT)
             self._load(with_sphere)
         self.place_arm(self.home)
