@@ -16,7 +16,7 @@ use tprmp_model::controller_config::{ControllerConfig, Trigger};
 use tprmp_robot::Chain;
 
 use crate::allocation;
-use crate::inputs::{JointState, Scene, check_state};
+use crate::inputs::{JointState, Scene, check_state, jumps, within_position_limits};
 use crate::limits::JointLimits;
 use crate::policy::{Policy, TaskParameters, Workspace};
 use crate::realtime::{monotonic_ns, sleep_until};
@@ -32,6 +32,12 @@ const CONNECT_POLL_NS: u64 = 1_000_000;
 const LAST_STATE_NS: u64 = 200_000_000;
 /// With `until_done`, the task has to stay done for so long \[ns\].
 const DONE_NS: u64 = 1_000_000_000;
+/// A reference slower than this is at rest [rad/s or m/s].
+const REFERENCE_REST: f64 = 1e-9;
+/// A measured arm slower than this is at rest [rad/s or m/s].
+const MEASURED_REST: f64 = 1e-2;
+/// In lockstep, a publisher that is silent for so long has left [ns].
+const LOCKSTEP_PATIENCE_NS: u64 = 30_000_000_000;
 /// Most time one tick integrates over, whatever was missed \[s\].
 const STEP_MAX_S: f64 = 0.02;
 
@@ -71,8 +77,10 @@ pub struct Cycle<const N: usize> {
 
     course: Course,
     reference: Option<Reference<N>>,
-    last_good: Option<JointState<N>>,
+    last_measured: Option<(JointState<N>, u64)>,
     holding: bool,
+    /// Whether the arm was out of sight: it may be elsewhere than the reference.
+    lost: bool,
     fade_s: f64,
     overruns_in_a_row: u32,
     progress: Progress,
@@ -136,8 +144,9 @@ impl<const N: usize> Cycle<N> {
             scene_check: Err(Reason::FrameMissing),
             sequence_went_back: false,
             reference: None,
-            last_good: None,
+            last_measured: None,
             holding: true,
+            lost: true,
             fade_s: 0.0,
             overruns_in_a_row: 0,
             progress: Progress {
@@ -186,16 +195,19 @@ impl<const N: usize> Cycle<N> {
             {
                 stopping_since_ns.get_or_insert(wake.now_ns);
             }
-            let checked = match stopping_since_ns {
-                Some(_) => Err(Reason::StopRequested),
-                None => self.check(wake.now_ns),
+            let measured = self.measure(wake.now_ns);
+            let permitted = match (stopping_since_ns, measured) {
+                (Some(_), _) => Err(Reason::StopRequested),
+                (None, Err(reason)) => Err(reason),
+                (None, Ok(state)) => self.permit(&state, wake.now_ns).map(|()| state),
             };
-            let (mode, reason) =
-                match checked.and_then(|state| self.follow_policy(&state, dt, wake.now_ns)) {
-                    Ok(()) => (CommandMode::Track, Reason::None),
-                    Err(reason) => (self.brake(dt), reason),
-                };
-            let stopped = stopping_since_ns.is_some_and(|since| self.at_rest(since, wake.now_ns));
+            let followed = permitted.and_then(|state| self.follow_policy(&state, dt, wake.now_ns));
+            let (mode, reason) = match followed {
+                Ok(()) => (CommandMode::Track, Reason::None),
+                Err(reason) => (self.brake(measured.ok(), dt), reason),
+            };
+            let stopped = stopping_since_ns
+                .is_some_and(|since| self.at_rest(measured.ok(), since, wake.now_ns));
             let mode = if stopped { CommandMode::Stop } else { mode };
             self.publish_command(mode, reason, wake.now_ns);
             self.record(&wake, reason);
@@ -218,11 +230,17 @@ impl<const N: usize> Cycle<N> {
                 self.ports.command.update_connections() & self.ports.status.update_connections();
             self.state = state.or(self.state.take());
             self.frames = frames.or(self.frames.take());
-            if self.state.is_some() && self.frames.is_some() && connected {
+            if let (Some(state), Some(_)) = (&self.state, &self.frames)
+                && connected
+            {
+                let gripper = GripperState::from_wire(state.gripper_state).unwrap_or_default();
+                self.course.begin(gripper);
                 self.take_in_frames();
                 return true;
             }
-            self.publish_status(Reason::StateStale, monotonic_ns(), &NO_TIMES);
+            let missing =
+                if self.state.is_some() { Reason::FrameMissing } else { Reason::StateStale };
+            self.publish_status(missing, monotonic_ns(), &NO_TIMES);
             sleep_until(monotonic_ns() + CONNECT_POLL_NS);
         }
         false
@@ -250,7 +268,7 @@ impl<const N: usize> Cycle<N> {
     }
 
     /// Polls for a new state. On the machine's clock it also wakes when the state gets too old;
-    /// in lockstep only a stop ends the wait: `None`.
+    /// in lockstep a stop ends the wait, or a publisher that has left: `None`.
     fn wait_for_state(&mut self, stop: &AtomicBool) -> Option<Wake> {
         let since_ns = monotonic_ns();
         loop {
@@ -260,13 +278,18 @@ impl<const N: usize> Cycle<N> {
             let woke_ns = monotonic_ns();
             let lockstep = self.pace == Pace::Lockstep;
             let waited_ns = woke_ns - since_ns;
-            if received || first || (!lockstep && waited_ns > self.config.cycle.state_age_max_ns) {
+            // While it brakes without a state, the arm is led period by period.
+            let cycle = &self.config.cycle;
+            let longest_ns = if self.lost { cycle.period_ns } else { cycle.state_age_max_ns };
+            if received || first || (!lockstep && waited_ns > longest_ns) {
                 let state_ns = self.state.as_ref().map_or(0, |s| s.time_ns);
                 let now_ns = if lockstep { state_ns } else { woke_ns };
                 let deadline_ns = woke_ns + self.config.cycle.period_ns;
                 return Some(Wake { now_ns, woke_ns, deadline_ns, late_ns: 0, skipped: 0 });
             }
-            if lockstep && stop.load(Ordering::Relaxed) && waited_ns > LAST_STATE_NS {
+            let stopping = stop.load(Ordering::Relaxed);
+            let patience_ns = if stopping { LAST_STATE_NS } else { LOCKSTEP_PATIENCE_NS };
+            if lockstep && waited_ns > patience_ns {
                 return None;
             }
             sleep_until(woke_ns + POLL_NS);
@@ -306,30 +329,50 @@ impl<const N: usize> Cycle<N> {
         }
     }
 
-    /// Whether the policy may be followed, and from which state.
-    fn check(&mut self, now_ns: u64) -> Result<JointState<N>, Reason> {
-        if core::mem::take(&mut self.sequence_went_back) {
-            return Err(Reason::SequenceWentBack);
-        }
+    /// The joints as measured, where the newest state can be believed. Done in every tick: what
+    /// brakes the arm must see where it is.
+    ///
+    /// A position that jumps is not believed at once: it is in the next state, if that agrees.
+    fn measure(&mut self, now_ns: u64) -> Result<JointState<N>, Reason> {
         let state = self.state.as_ref().ok_or(Reason::StateStale)?;
-        if now_ns.saturating_sub(state.time_ns) > self.config.cycle.state_age_max_ns {
+        // A stamp from the future is as wrong as an old one.
+        if now_ns.abs_diff(state.time_ns) > self.config.cycle.state_age_max_ns {
             return Err(Reason::StateStale);
         }
         let joints = check_state(state, self.policy.chain())?;
-        self.last_good = Some(joints);
+        let (before, before_ns) =
+            self.last_measured.replace((joints, state.time_ns)).unwrap_or((joints, state.time_ns));
+        let elapsed_s = state.time_ns.abs_diff(before_ns) as f64 * 1e-9;
+        if jumps(&before, &joints, elapsed_s, self.policy.chain()) {
+            return Err(Reason::StateUnbelievable);
+        }
+        Ok(joints)
+    }
+
+    /// Whether the policy may be followed from this state.
+    fn permit(&mut self, state: &JointState<N>, now_ns: u64) -> Result<(), Reason> {
+        if core::mem::take(&mut self.sequence_went_back) {
+            self.lost = true;
+            return Err(Reason::SequenceWentBack);
+        }
+        if !within_position_limits(state, self.policy.chain()) {
+            return Err(Reason::JointLimit);
+        }
         self.scene_check?;
         let frames = self.frames.as_ref().ok_or(Reason::FrameMissing)?;
-        if now_ns.saturating_sub(frames.time_ns) > self.config.cycle.frames_age_max_ns {
+        if now_ns.abs_diff(frames.time_ns) > self.config.cycle.frames_age_max_ns {
             return Err(Reason::FramesStale);
         }
         if self.overruns_in_a_row >= self.config.cycle.overruns_in_a_row_max {
             return Err(Reason::Overrun);
         }
-        Ok(joints)
+        Ok(())
     }
 
     /// Evaluates the policy, limits its acceleration and prepares the command.
     fn follow_policy(&mut self, state: &JointState<N>, dt: f64, now_ns: u64) -> Result<(), Reason> {
+        let gripper = self.state.as_ref().map_or(0, |s| s.gripper_state);
+        let gripper = GripperState::from_wire(gripper).ok_or(Reason::GripperUnknown)?;
         let parameters = TaskParameters {
             start: *self.scene.start(),
             goal_frame: *self.scene.goal(),
@@ -347,10 +390,11 @@ impl<const N: usize> Cycle<N> {
             .map_err(|_| Reason::ResolveFailed)?;
         // After a start or a stop: from the measured state, faded in.
         if core::mem::take(&mut self.holding) {
-            self.reference = Some(Reference::at(state));
+            self.reference = None;
             self.fade_s = 0.0;
         }
-        let mut reference = self.reference.unwrap_or(Reference::at(state));
+        self.lost = false;
+        let mut reference = self.reference.unwrap_or(Reference::at(state, &self.limits));
         let stop = &self.config.stop;
         let fade = (self.fade_s / stop.fade_in_s).min(1.0);
         self.fade_s += dt;
@@ -364,29 +408,38 @@ impl<const N: usize> Cycle<N> {
         reference.follow(state, &self.limits, impedance.reference_time_constant_s, dt);
         self.reference = Some(reference);
 
-        let gripper = self.state.as_ref().map_or(0, |s| s.gripper_state);
-        let gripper = GripperState::from_wire(gripper).unwrap_or_default();
-        let (life_cycle, remaining) = self.course.advance(gripper, &decision.tool, &decision.goal);
+        let (life_cycle, remaining) =
+            self.course.advance(gripper, &decision.tool, &decision.goal, dt);
         let done_since_ns =
             (life_cycle == LifeCycle::Done).then(|| self.progress.done_since_ns.unwrap_or(now_ns));
         self.progress = Progress { life_cycle, remaining, energy: decision.energy, done_since_ns };
         Ok(())
     }
 
-    /// Decelerates the reference to rest and holds it there. Without a reference there is nothing
-    /// to hold: the command is to brake.
-    fn brake(&mut self, dt: f64) -> CommandMode {
+    /// Decelerates the reference to rest and holds it there, by feedback from the measured state.
+    /// Without one there is no feedback, and once the reference is at rest the robot has to brake.
+    fn brake(&mut self, measured: Option<JointState<N>>, dt: f64) -> CommandMode {
         self.holding = true;
-        let (Some(mut reference), Some(last_good)) = (self.reference, self.last_good) else {
-            return CommandMode::Stop;
+        let seen_again = self.lost.then_some(measured).flatten();
+        self.lost = measured.is_none();
+        let start = match seen_again {
+            Some(state) => Some(Reference::at(&state, &self.limits)),
+            None => self.reference.or(measured.map(|state| Reference::at(&state, &self.limits))),
         };
+        let Some(mut reference) = start else { return CommandMode::Stop };
         let share = self.config.stop.deceleration_share;
-        let acceleration = braking(&reference.velocity, &self.limits, share, dt);
+        let wanted = braking(&reference.velocity, &self.limits, share, dt);
+        let acceleration =
+            self.limits.acceleration(&wanted, &reference.position, &reference.velocity, dt);
         reference.integrate(&acceleration, dt);
         self.reference = Some(reference);
-        match self.prepare(&last_good, &reference, &acceleration) {
-            Ok(()) => CommandMode::Hold,
-            Err(_) => CommandMode::Stop,
+        let blind = JointState { position: reference.position, velocity: reference.velocity };
+        let prepared = self.prepare(&measured.unwrap_or(blind), &reference, &acceleration);
+        let at_rest = reference.velocity.amax() < REFERENCE_REST;
+        if prepared.is_err() || (measured.is_none() && at_rest) {
+            CommandMode::Stop
+        } else {
+            CommandMode::Hold
         }
     }
 
@@ -422,10 +475,12 @@ impl<const N: usize> Cycle<N> {
         Ok(())
     }
 
-    fn at_rest(&self, since_ns: u64, now_ns: u64) -> bool {
+    /// Whether reference and arm are at rest, or the longest time for it has passed.
+    fn at_rest(&self, measured: Option<JointState<N>>, since_ns: u64, now_ns: u64) -> bool {
         let stopping_s = now_ns.saturating_sub(since_ns) as f64 * 1e-9;
-        stopping_s > self.config.stop.duration_max_s
-            || self.reference.is_none_or(|r| r.velocity.amax() < 1e-9)
+        let reference_rests = self.reference.is_none_or(|r| r.velocity.amax() < REFERENCE_REST);
+        let arm_rests = measured.is_none_or(|m| m.velocity.amax() < MEASURED_REST);
+        stopping_s > self.config.stop.duration_max_s || (reference_rests && arm_rests)
     }
 
     fn publish_command(&mut self, mode: CommandMode, reason: Reason, now_ns: u64) {
@@ -437,7 +492,7 @@ impl<const N: usize> Cycle<N> {
         self.command.sequence += 1;
         self.command.state_sequence = self.state.as_ref().map_or(0, |s| s.sequence);
         self.command.time_ns = now_ns;
-        self.command.expiry_ns = now_ns + self.config.cycle.command_lifetime_ns;
+        self.command.expiry_ns = now_ns.saturating_add(self.config.cycle.command_lifetime_ns);
         self.command.mode = mode.to_wire();
         self.command.reason = reason.to_wire();
         self.command.gripper_command = self.course.gripper().to_wire();
@@ -449,7 +504,7 @@ impl<const N: usize> Cycle<N> {
     fn record(&mut self, wake: &Wake, reason: Reason) {
         let published_ns = monotonic_ns();
         let missed = published_ns > wake.deadline_ns || wake.skipped > 0;
-        let counted = missed && self.pace == Pace::RealTime(Trigger::Periodic);
+        let counted = missed && self.pace != Pace::Lockstep;
         self.overruns_in_a_row = if counted { self.overruns_in_a_row + 1 } else { 0 };
         // A state that was refused was not used.
         let used = self.state.as_ref().filter(|_| reason == Reason::None);

@@ -22,10 +22,13 @@ pub struct JointState<const N: usize> {
     pub velocity: SVector<f64, N>,
 }
 
-/// Checks a state: number of joints, finite numbers, position limits.
+/// A measured speed beyond this multiple of the joint's limit is not believed.
+const SPEED_MULTIPLE_MAX: f64 = 2.0;
+
+/// Checks a state: number of joints, finite numbers, believable speeds.
 ///
 /// # Errors
-/// The reason for which the arm has to stop.
+/// The reason for which it is no measurement.
 pub fn check_state<const N: usize>(
     state: &RobotState,
     chain: &Chain<N>,
@@ -38,13 +41,37 @@ pub fn check_state<const N: usize>(
     if !position.iter().chain(velocity.iter()).all(|v| v.is_finite()) {
         return Err(Reason::StateNotFinite);
     }
-    let outside = |i: usize| {
-        position[i] < chain.position_lower()[i] || position[i] > chain.position_upper()[i]
-    };
-    if (0..N).any(outside) {
-        return Err(Reason::JointLimit);
+    let unbelievable = |i: usize| velocity[i].abs() > SPEED_MULTIPLE_MAX * chain.velocity_max()[i];
+    if (0..N).any(unbelievable) {
+        return Err(Reason::StateUnbelievable);
     }
     Ok(JointState { position, velocity })
+}
+
+/// A change of position beyond what the believable speeds allow is a jump from here on [rad or m].
+const JUMP_MIN: f64 = 0.05;
+
+/// Whether a joint has moved farther in `elapsed_s` \[s\] than its believable speed allows.
+#[must_use]
+pub fn jumps<const N: usize>(
+    before: &JointState<N>,
+    now: &JointState<N>,
+    elapsed_s: f64,
+    chain: &Chain<N>,
+) -> bool {
+    (0..N).any(|i| {
+        let most = SPEED_MULTIPLE_MAX * chain.velocity_max()[i] * elapsed_s + JUMP_MIN;
+        (now.position[i] - before.position[i]).abs() > most
+    })
+}
+
+/// Whether every joint is within the robot's position limits.
+#[must_use]
+pub fn within_position_limits<const N: usize>(state: &JointState<N>, chain: &Chain<N>) -> bool {
+    (0..N).all(|i| {
+        let q = state.position[i];
+        q >= chain.position_lower()[i] && q <= chain.position_upper()[i]
+    })
 }
 
 /// The frames a skill needs and the obstacles, checked, in fixed storage.
@@ -114,7 +141,7 @@ impl Scene {
             .ok_or(Reason::ObstacleUnknown)?;
         let mut obstacles = self.obstacles;
         let mut count = 0;
-        for obstacle in given.iter().filter(|o| o.valid == 1) {
+        for obstacle in given.iter().filter(|o| o.valid != 0) {
             obstacles[count] = check_obstacle(obstacle)?;
             count += 1;
         }
@@ -143,6 +170,10 @@ impl ObservedFrame {
                 let rate = (now.angular_velocity - last.angular_velocity) / elapsed_s;
                 angular += (rate - angular) * share;
             }
+        }
+        // Velocities at the edge of what a number holds must not stay in the filter.
+        if !(linear.is_finite() && angular.is_finite()) {
+            (linear, angular) = (DVec3::ZERO, DVec3::ZERO);
         }
         self.motion = FrameMotion {
             linear_acceleration: linear.clamp_length_max(observer.linear_acceleration_max_m_s2),
@@ -178,6 +209,9 @@ fn check_frame(frame: &Frame) -> Result<FrameMotion, Reason> {
 }
 
 fn check_obstacle(obstacle: &tprmp_messages::Obstacle) -> Result<Obstacle, Reason> {
+    if obstacle.valid != 1 {
+        return Err(Reason::ObstacleUnknown);
+    }
     let position = DVec3::from(finite(obstacle.position)?);
     let velocity = DVec3::from(finite(obstacle.linear_velocity)?);
     let size = finite(obstacle.size)?;
@@ -232,7 +266,8 @@ mod tests {
     #[test]
     fn every_defect_has_its_reason_and_changes_nothing() {
         type Edit = fn(&mut TaskFrames);
-        let cases: [(Edit, Reason); 11] = [
+        let cases: [(Edit, Reason); 12] = [
+            (|m| m.obstacles[0].valid = 255, Reason::ObstacleUnknown),
             (|m| m.frames[1].valid = 0, Reason::FrameMissing),
             (|m| m.frame_count = 1, Reason::FrameMissing),
             (|m| m.frame_count = 99, Reason::FrameMissing),

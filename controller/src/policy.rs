@@ -1,6 +1,6 @@
 //! The RMP-tree of a robot: leaves in task spaces, pulled back to the joints and resolved.
 
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use nalgebra::{SMatrix, SVector, Vector1, Vector3};
 use tprmp_model::controller_config::{ControllerConfig, ExemptObstacle, Exemption};
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
@@ -47,7 +47,6 @@ pub struct Workspace<const N: usize> {
     /// Kinematics of the last evaluation.
     pub kinematics: Kinematics<N>,
     phase: f64,
-    orientation: DQuat,
 }
 
 /// What the tool should do.
@@ -87,7 +86,7 @@ impl<const N: usize> Workspace<N> {
     /// A fresh workspace.
     #[must_use]
     pub fn new() -> Self {
-        Self { kinematics: Kinematics::new(), phase: 0.0, orientation: DQuat::IDENTITY }
+        Self { kinematics: Kinematics::new(), phase: 0.0 }
     }
 }
 
@@ -165,8 +164,9 @@ impl<const N: usize> Policy<N> {
         workspace: &mut Workspace<N>,
     ) -> Result<Decision<N>, ResolveError> {
         forward_kinematics_with_velocity(&self.chain, q, qd, &mut workspace.kinematics);
-        let tool = workspace.tool_pose();
         let kinematics = &workspace.kinematics;
+        let tool =
+            Pose { position: kinematics.tool_position, orientation: kinematics.tool_orientation() };
         let twist = &kinematics.tool_twist;
         let linear = DVec3::new(twist[0], twist[1], twist[2]);
         let angular = DVec3::new(twist[3], twist[4], twist[5]);
@@ -200,16 +200,6 @@ impl<const N: usize> Policy<N> {
             collision.add(&self.chain, kinematics, parameters.obstacles, &mut root);
         }
         Ok(Decision { acceleration: root.resolve()?, tool, goal, energy: value.energy })
-    }
-}
-
-impl<const N: usize> Workspace<N> {
-    /// Pose of the tool, its quaternion on the hemisphere of the last one.
-    fn tool_pose(&mut self) -> Pose {
-        let orientation = self.kinematics.tool_orientation();
-        self.orientation =
-            if orientation.dot(self.orientation) < 0.0 { -orientation } else { orientation };
-        Pose { position: self.kinematics.tool_position, orientation: self.orientation }
     }
 }
 

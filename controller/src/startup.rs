@@ -64,6 +64,34 @@ pub enum StartError {
         /// Joints of the configuration.
         found: Vec<String>,
     },
+    /// Nothing says what the spare joints should do.
+    #[error(
+        "configuration `{config}`, key `joint_damping.inertia`: expected a number above zero, since the \
+         robot has {joints} joints and the skill leads only {dimension} of their freedoms, found zero"
+    )]
+    Undetermined {
+        /// The configuration.
+        config: PathBuf,
+        /// Joints of the robot.
+        joints: usize,
+        /// Dimension of the skill.
+        dimension: usize,
+    },
+    /// The margin leaves a joint no room.
+    #[error(
+        "configuration `{config}`, key `robot.position_margin`: expected less than half the range of \
+         every joint, found {margin} for joint `{joint}` of range {range}"
+    )]
+    Margin {
+        /// The configuration.
+        config: PathBuf,
+        /// The margin \[rad or m\].
+        margin: f64,
+        /// The joint.
+        joint: String,
+        /// Its range \[rad or m\].
+        range: f64,
+    },
     /// A link named in the configuration does not exist.
     #[error(
         "configuration `{config}`, key `collision.exempt`: expected a moving link of `{urdf}`, {expected:?}, \
@@ -130,7 +158,15 @@ pub fn load(config_path: &Path, model_path: &Path) -> Result<Loaded, StartError>
             format!("`{}`", config.robot.tool_link),
         ));
     }
-    if model.manifold.dimension() > config.robot.joints.len() {
+    let joints = config.robot.joints.len();
+    if model.manifold.dimension() < joints && config.joint_damping.inertia <= 0.0 {
+        return Err(StartError::Undetermined {
+            config: config_path.into(),
+            joints,
+            dimension: model.manifold.dimension(),
+        });
+    }
+    if model.manifold.dimension() > joints {
         return Err(mismatch(
             "manifold",
             format!("{} of dimension {}", model.manifold, model.manifold.dimension()),
@@ -174,6 +210,14 @@ pub fn robot<const N: usize>(
             expected: chain.joint_names().to_vec(),
             found: config.robot.joints.clone(),
         });
+    }
+    for (i, joint) in chain.joint_names().iter().enumerate() {
+        let range = chain.position_upper()[i] - chain.position_lower()[i];
+        let margin = config.robot.position_margin;
+        if 2.0 * margin >= range {
+            let (config, joint) = (config_path.into(), joint.clone());
+            return Err(StartError::Margin { config, margin, joint, range });
+        }
     }
     let links: Vec<String> = chain.moving_links().iter().map(|(name, _)| name.clone()).collect();
     for exemption in config.collision.iter().flat_map(|c| &c.exempt) {

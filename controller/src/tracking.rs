@@ -19,10 +19,11 @@ pub struct Reference<const N: usize> {
 }
 
 impl<const N: usize> Reference<N> {
-    /// Starts from a measured state.
+    /// Starts from a measured state, its velocity within the limits.
     #[must_use]
-    pub fn at(state: &JointState<N>) -> Self {
-        Self { position: state.position, velocity: state.velocity }
+    pub fn at(state: &JointState<N>, limits: &JointLimits<N>) -> Self {
+        let velocity = state.velocity.zip_map(&limits.velocity_max, |v, most| v.clamp(-most, most));
+        Self { position: state.position, velocity }
     }
 
     /// Integrates an acceleration over `dt` \[s\], semi-implicitly.
@@ -32,7 +33,7 @@ impl<const N: usize> Reference<N> {
     }
 
     /// Gives way to the measured state with the time constant `time_constant_s`, so that a push
-    /// moves the reference along and saturation winds nothing up; stays inside the limits.
+    /// moves the reference along and saturation winds nothing up; its velocity stays in its limits.
     pub fn follow(
         &mut self,
         measured: &JointState<N>,
@@ -43,10 +44,7 @@ impl<const N: usize> Reference<N> {
         let share = dt / (dt + time_constant_s);
         self.position += (measured.position - self.position) * share;
         self.velocity += (measured.velocity - self.velocity) * share;
-        for i in 0..N {
-            let most = limits.velocity_max[i];
-            self.velocity[i] = self.velocity[i].clamp(-most, most);
-        }
+        self.velocity = self.velocity.zip_map(&limits.velocity_max, |v, most| v.clamp(-most, most));
     }
 }
 
@@ -90,9 +88,11 @@ pub fn torques<const N: usize>(
     reference: &Reference<N>,
     acceleration: &SVector<f64, N>,
 ) -> Torques<N> {
-    let wanted = acceleration
-        + (reference.velocity - state.velocity) * impedance.damping_1_s
+    let feedback = (reference.velocity - state.velocity) * impedance.damping_1_s
         + (reference.position - state.position) * impedance.stiffness_1_s2;
+    // A reference far from the arm pulls no harder than the arm may accelerate.
+    let bounded = feedback.zip_map(&limits.acceleration_max, |f, most| f.clamp(-most, most));
+    let wanted = acceleration + bounded;
     let total = inverse_dynamics(chain, &state.position, &state.velocity, &wanted, gravity_m_s2);
     let gravity = limits.effort(&gravity_torques(chain, &state.position, gravity_m_s2));
     Torques { motion: limits.effort(&total) - gravity, gravity }

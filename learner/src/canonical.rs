@@ -23,6 +23,12 @@ const ANGLE_MAX_RAD: f64 = 0.95 * std::f64::consts::PI;
 const DETERMINANT_MIN: f64 = 0.2;
 /// Points of the way at which it is looked at.
 const DETERMINANT_POINTS: u32 = 50;
+/// Positions follow the turn of the frames unless the demonstrations then lie so much farther apart
+/// that their spread is this share of it or less when positions do not turn. Below 1: it takes
+/// frames that were shown turned, and a way that was shown not to turn.
+const UPRIGHT_SHARE: f64 = 0.75;
+/// Points of a path at which demonstrations are compared.
+const SPREAD_POINTS: usize = 50;
 /// Least distance between the canonical start frame and the goal [m].
 const AXIS_MIN_M: f64 = 1e-3;
 
@@ -75,7 +81,16 @@ pub fn canonicalise(
     if distance < AXIS_MIN_M {
         return Err(no_axis());
     }
-    let map = FrameMap::new(frames).map_err(|_| no_axis())?;
+    let turning = FrameMap::new(frames).map_err(|_| no_axis())?;
+    let upright = FrameMap::new(CanonicalFrames { positions_turn: false, ..frames })
+        .map_err(|_| no_axis())?;
+    // Frames that turn and a way that does not: then positions do not follow the turn.
+    let map = if spread(&upright, demonstrations) < UPRIGHT_SHARE * spread(&turning, demonstrations)
+    {
+        upright
+    } else {
+        turning
+    };
     let mut set: Vec<CanonicalDemonstration> = Vec::with_capacity(demonstrations.len());
     for demonstration in demonstrations {
         let displacement = displacement(&map, &demonstration.start, &demonstration.goal_frame);
@@ -155,6 +170,48 @@ impl CanonicalDemonstration {
     }
 }
 
+/// How far the demonstrations lie apart in the canonical coordinates of a map [m, rms], at equal
+/// shares of their lengths.
+fn spread(map: &FrameMap, demonstrations: &[Demonstration]) -> f64 {
+    let paths: Vec<Vec<DVec3>> = demonstrations
+        .iter()
+        .map(|demonstration| {
+            let displacement = displacement(map, &demonstration.start, &demonstration.goal_frame);
+            let mut phase = 0.0;
+            let points: Vec<DVec3> = demonstration
+                .poses
+                .iter()
+                .map(|pose| map.inverse(&displacement, pose, &mut phase).position)
+                .collect();
+            at_equal_lengths(&points)
+        })
+        .collect();
+    let count = paths.len() as f64;
+    let variance = |i: usize| -> f64 {
+        let mean = paths.iter().map(|p| p[i]).sum::<DVec3>() / count;
+        paths.iter().map(|p| (p[i] - mean).length_squared()).sum::<f64>() / count
+    };
+    ((0..SPREAD_POINTS).map(variance).sum::<f64>() / SPREAD_POINTS as f64).sqrt()
+}
+
+/// [`SPREAD_POINTS`] points of a path, at equal steps of its length.
+fn at_equal_lengths(points: &[DVec3]) -> Vec<DVec3> {
+    let mut lengths = vec![0.0];
+    for pair in points.windows(2) {
+        lengths.push(lengths[lengths.len() - 1] + (pair[1] - pair[0]).length());
+    }
+    let whole = lengths[lengths.len() - 1];
+    (0..SPREAD_POINTS)
+        .map(|i| {
+            let at = whole * i as f64 / (SPREAD_POINTS - 1) as f64;
+            let k = lengths.partition_point(|l| *l < at).clamp(1, points.len() - 1);
+            let step = lengths[k] - lengths[k - 1];
+            let share = if step > 0.0 { (at - lengths[k - 1]) / step } else { 0.0 };
+            points[k - 1].lerp(points[k], share.clamp(0.0, 1.0))
+        })
+        .collect()
+}
+
 /// The frames at rest at these poses.
 fn displacement(map: &FrameMap, start: &Pose, goal_frame: &Pose) -> Displacement {
     map.displace(&FrameMotion::at_rest(*start), &FrameMotion::at_rest(*goal_frame))
@@ -192,7 +249,7 @@ pub fn canonical_frames(demonstrations: &[Demonstration]) -> CanonicalFrames {
     } else {
         goal_frame.orientation
     };
-    CanonicalFrames { start, goal_frame, goal }
+    CanonicalFrames { start, goal_frame, goal, positions_turn: true }
 }
 
 fn mean_pose(poses: &[Pose]) -> Pose {

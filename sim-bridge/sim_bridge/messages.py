@@ -74,6 +74,8 @@ class Reason(IntEnum):
     STOP_REQUESTED = 12
     JOINT_LIMIT = 13
     OVERRUN = 14
+    STATE_UNBELIEVABLE = 15
+    GRIPPER_UNKNOWN = 16
 
 
 class ObstacleKind(IntEnum):

@@ -19,7 +19,7 @@ SHARED_MEMORY = Path("/dev/shm")
 SHARED_MEMORY_MIN_BYTES = 4 << 20
 """Least free shared memory needed to open an instance: a full one ends in SIGBUS."""
 
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
+_NAME = re.compile(r"[A-Za-z0-9-]{1,32}")
 
 
 class Instance:
@@ -32,8 +32,7 @@ class Instance:
     def __init__(self, name: str) -> None:
         if not _NAME.fullmatch(name):
             raise BridgeError(
-                f"instance name `{name}`: expected 1 to 32 of the characters a-z, A-Z, 0-9, "
-                "`-` and `_`"
+                f"instance name `{name}`: expected 1 to 32 of the characters a-z, A-Z, 0-9 and `-`"
             )
         self.name = name
         self.prefix = f"tprmp_{name}_"

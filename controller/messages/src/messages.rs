@@ -79,7 +79,8 @@ pub struct Frame {
 pub struct Obstacle {
     /// What `size` means: an [`ObstacleKind`].
     pub kind: u32,
-    /// 1 when the obstacle may be used, 0 when it is unknown.
+    /// 1 when the obstacle is there, 0 when it is not. One that was lost from sight is still there:
+    /// publish its last pose.
     pub valid: u32,
     /// Centre of a sphere, a point on the surface of a half-space \[m\].
     pub position: [f64; 3],
@@ -209,7 +210,8 @@ wire_enum! {
 wire_enum! {
     /// What kind of command this is.
     CommandMode {
-        /// No motion: brake. Sent as a last command.
+        /// No motion: brake, whatever the other fields say. Sent as a last command, and while there
+        /// is no state to move from.
         #[default]
         Stop = 0,
         /// Follow the policy.
@@ -273,6 +275,10 @@ wire_enum! {
         JointLimit = 13,
         /// Too many deadlines were missed in a row.
         Overrun = 14,
+        /// A measured speed is far beyond the joint's limit, or a position has jumped.
+        StateUnbelievable = 15,
+        /// The gripper reports a state this controller does not know.
+        GripperUnknown = 16,
     }
 }
 

@@ -21,7 +21,7 @@ pub const SHARED_MEMORY_MIN_BYTES: u64 = 4 << 20;
 #[derive(Debug, Error)]
 pub enum ServiceError {
     /// The name of the instance cannot be part of a service's name.
-    #[error("instance name `{0}`: expected 1 to 32 of the characters a-z, A-Z, 0-9, `-` and `_`")]
+    #[error("instance name `{0}`: expected 1 to 32 of the characters a-z, A-Z, 0-9 and `-`")]
     InstanceName(String),
     /// There is not enough free shared memory.
     #[error(
@@ -75,7 +75,8 @@ impl Instance {
     /// # Errors
     /// When the name cannot be part of a service's name.
     pub fn new(name: &str) -> Result<Self, ServiceError> {
-        let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        // No underscore: it ends the name in those of the instance's files.
+        let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-';
         let bad_name = || ServiceError::InstanceName(name.into());
         if name.is_empty() || name.len() > 32 || !name.chars().all(allowed) {
             return Err(bad_name());
@@ -271,13 +272,6 @@ impl<M: Debug + ZeroCopySend + 'static> Subscriber<M> {
     pub fn receive(&self) -> Option<Sample<M>> {
         self.0.receive().ok().flatten()
     }
-
-    /// Connects to a publisher that appeared: costs allocations, so it is called in the slack of
-    /// a cycle. `false` when a connection failed.
-    #[must_use]
-    pub fn update_connections(&self) -> bool {
-        self.0.has_samples().is_ok()
-    }
 }
 
 /// Fields are dropped in this order: first the node goes, then what it left behind.
@@ -368,7 +362,7 @@ mod tests {
 
     #[test]
     fn names_that_could_leave_the_folder_are_refused() {
-        for bad in ["", "a/b", "..", "a b", &"x".repeat(33)] {
+        for bad in ["", "a/b", "..", "a b", "a_b", &"x".repeat(33)] {
             assert!(matches!(Instance::new(bad), Err(ServiceError::InstanceName(_))), "{bad}");
         }
     }

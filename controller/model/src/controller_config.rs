@@ -473,6 +473,9 @@ impl ControllerConfig {
         check.share("robot.effort_share", robot.effort_share);
         check.not_negative("robot.position_margin", robot.position_margin);
         check.time("loop.period_ns", self.cycle.period_ns);
+        if self.cycle.period_ns > 20_000_000 {
+            check.fail("loop.period_ns", "at most 20000000 nanoseconds", &self.cycle.period_ns);
+        }
         check.time("loop.state_age_max_ns", self.cycle.state_age_max_ns);
         check.time("loop.frames_age_max_ns", self.cycle.frames_age_max_ns);
         check.time("loop.command_lifetime_ns", self.cycle.command_lifetime_ns);

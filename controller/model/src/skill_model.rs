@@ -124,6 +124,8 @@ pub struct Canonical {
     pub goal_frame: Pose,
     /// Pose of the tool when the skill is done.
     pub goal: Pose,
+    /// Whether the way to the goal turns with the frames, or only the tool's orientation does.
+    pub positions_turn: bool,
 }
 
 /// A learned field of one block, of dimension D = 2 or 3. Unit u is m or rad.

@@ -64,7 +64,12 @@ fn model() -> SkillModel {
         tool_frame: "point".into(),
         start_frame: "start".into(),
         goal_frame: "end".into(),
-        canonical: Canonical { start: pose(0.0), goal_frame: pose(1.0), goal: pose(1.0) },
+        canonical: Canonical {
+            start: pose(0.0),
+            goal_frame: pose(1.0),
+            goal: pose(1.0),
+            positions_turn: true,
+        },
         position: FieldModel {
             damping_1_s: 8.0,
             components: vec![component(0.3, 1.7, 4.0 / 3.0), component(1.0, 1.0, 0.0)],

@@ -14,6 +14,9 @@
 //! c_s, c_g are the start frame's origin and the goal in canonical coordinates, x_s, x_g their
 //! images in the world, Q_s, Q_g the rotations of the start and the goal frame against their
 //! canonical orientation. At α = 0 it is the start frame's displacement, at α = 1 the goal frame's.
+//! Positions need not turn with the frames: a tool that comes down on an object from above does so
+//! wherever the object points. [`CanonicalFrames::positions_turn`] tells; without it R = I in the
+//! line of x_p, while the line of x_q, and with it the grasp, still turns.
 //! Orientation is charted by the full-angle rotation vector y_r at the canonical goal orientation.
 //!
 //! The map is a diffeomorphism where det = 1 + ∇αᵀ R(α)ᵀ ∂x/∂α > 0, i.e. unless the goal moves
@@ -114,6 +117,8 @@ pub struct CanonicalFrames {
     pub goal_frame: Pose,
     /// The goal, e.g. the grasp; its position is c_g and its orientation q_g.
     pub goal: Pose,
+    /// Whether the way to the goal turns with the frames.
+    pub positions_turn: bool,
 }
 
 /// Why the canonical frames make no map.
@@ -321,10 +326,9 @@ impl FrameMap {
         let axis = Vec3::<S>::constant(self.axis * self.length);
         let center = start.plus(axis.times(alpha));
         let goal = Quat::<S>::constant(self.canonical.goal.orientation);
-        (
-            image.plus(turn.rotate(position.minus(center))),
-            turn.times(goal).times(Quat::exp(rotation)),
-        )
+        let arm = position.minus(center);
+        let arm = if self.canonical.positions_turn { turn.rotate(arm) } else { arm };
+        (image.plus(arm), turn.times(goal).times(Quat::exp(rotation)))
     }
 
     /// The canonical point of a pose in the world; `phase` is the phase of the last call, from
@@ -335,6 +339,11 @@ impl FrameMap {
         *phase = t;
         let chart = self.canonical.goal.orientation.conjugate() * turn.conjugate();
         Canonical { position, rotation: rotation_vector(chart * pose.orientation) }
+    }
+
+    /// R(α) and φ in the line of x_p.
+    fn turn_of_positions(&self, turn: DQuat, twist: DVec3) -> (DQuat, DVec3) {
+        if self.canonical.positions_turn { (turn, twist) } else { (DQuat::IDENTITY, DVec3::ZERO) }
     }
 
     /// Solves t = uᵀ(y_p(t) − c_s)/D by Newton's method, safeguarded by bisection.
@@ -348,9 +357,10 @@ impl FrameMap {
             let [alpha, slope, _] = ramp(t);
             let turn = DQuat::from_scaled_axis(twist * alpha) * start_rotation;
             let arm = x - start_image - span * alpha;
-            let local = turn.conjugate() * arm;
+            let (turning, twisting) = self.turn_of_positions(turn, twist);
+            let local = turning.conjugate() * arm;
             let residual = t - alpha - self.axis.dot(local) / self.length;
-            let change = turn.conjugate() * (twist.cross(arm) + span);
+            let change = turning.conjugate() * (twisting.cross(arm) + span);
             let derivative = 1.0 - slope * (1.0 - self.axis.dot(change) / self.length);
             (residual, derivative, alpha, local, turn)
         };
@@ -396,17 +406,20 @@ impl FrameMap {
         let [alpha, slope, _] = ramp(*phase);
         let (start_image, goal_image, twist, start_rotation) = d.values();
         let turn = DQuat::from_scaled_axis(twist * alpha) * start_rotation;
+        let (turning, twisting) = self.turn_of_positions(turn, twist);
         let turn_back = DMat3::from_quat(turn.conjugate());
+        let turning_back = DMat3::from_quat(turning.conjugate());
         let arm = pose.position - start_image - (goal_image - start_image) * alpha;
         // ∂x/∂α at fixed y, in the world and in canonical orientation.
-        let along = goal_image - start_image + twist.cross(arm) - turn * (self.axis * self.length);
-        let along_canonical = turn_back * along;
+        let along =
+            goal_image - start_image + twisting.cross(arm) - turning * (self.axis * self.length);
+        let along_canonical = turning_back * along;
         let gradient = self.axis * (slope / self.length);
         let determinant = 1.0 + gradient.dot(along_canonical);
         // Sherman–Morrison on F_pp = R (I + along ∇αᵀ).
         let floored = determinant.max(DETERMINANT_MIN);
         let position_jacobian =
-            (DMat3::IDENTITY - outer(along_canonical, gradient) * (1.0 / floored)) * turn_back;
+            (DMat3::IDENTITY - outer(along_canonical, gradient) * (1.0 / floored)) * turning_back;
         let to_chart = DMat3::from_quat(self.canonical.goal.orientation.conjugate()) * turn_back;
         let rotation_jacobian = inverse_left_jacobian(point.rotation) * to_chart;
         let cross_jacobian = -(rotation_jacobian * outer(twist, gradient)) * position_jacobian;
@@ -489,8 +502,13 @@ mod tests {
         Pose { position: position.into(), orientation: DQuat::from_scaled_axis(rotation.into()) }
     }
 
-    fn map() -> FrameMap {
+    fn maps() -> [FrameMap; 2] {
+        [true, false].map(map_that_turns)
+    }
+
+    fn map_that_turns(positions_turn: bool) -> FrameMap {
         FrameMap::new(CanonicalFrames {
+            positions_turn,
             start: pose([0.4, 0.1, 0.3], [0.0, 0.2, 0.1]),
             goal_frame: pose([0.5, -0.25, 0.03], [0.0, 0.0, 0.3]),
             goal: pose([0.505, -0.248, 0.058], [3.0, 0.1, 0.2]),
@@ -565,7 +583,10 @@ mod tests {
 
     #[test]
     fn canonical_frames_map_to_themselves_and_moved_ones_move_their_points() {
-        let map = map();
+        maps().iter().for_each(check_images);
+    }
+
+    fn check_images(map: &FrameMap) {
         let canonical = *map.canonical();
         let still = map.displace(
             &FrameMotion::at_rest(canonical.start),
@@ -586,7 +607,10 @@ mod tests {
 
     #[test]
     fn inverse_undoes_forward_from_any_guess() {
-        let map = map();
+        maps().iter().for_each(check_inverse);
+    }
+
+    fn check_inverse(map: &FrameMap) {
         let (start, goal) = frames(0.5);
         let d = map.displace(&start, &goal);
         for y in points() {
@@ -604,7 +628,10 @@ mod tests {
     /// at t = 0.4 with finite differences: velocity, Jacobian and bias at once.
     #[test]
     fn velocity_and_bias_agree_with_finite_differences() {
-        let map = map();
+        maps().iter().for_each(check_derivatives);
+    }
+
+    fn check_derivatives(map: &FrameMap) {
         let t0 = 0.4;
         for (i, y) in points().enumerate() {
             let s = i as f64;
@@ -642,7 +669,7 @@ mod tests {
 
     #[test]
     fn no_axis_is_refused() {
-        let mut frames = *map().canonical();
+        let mut frames = *map_that_turns(true).canonical();
         frames.goal.position = frames.start.position;
         assert_eq!(FrameMap::new(frames).unwrap_err(), FrameMapError::NoAxis);
     }

@@ -195,6 +195,7 @@ mod tests {
         };
         let goal = pose([0.5, -0.25, 0.06], [3.0, 0.1, 0.2]);
         let map = FrameMap::new(CanonicalFrames {
+            positions_turn: true,
             start: pose([0.4, 0.1, 0.3], [0.0, 0.2, 0.1]),
             goal_frame: pose([0.5, -0.25, 0.03], [0.0, 0.0, 0.3]),
             goal,

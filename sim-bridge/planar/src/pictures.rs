@@ -75,7 +75,8 @@ fn at(point: DVec2) -> Canonical {
 /// The frame map in which the goal is the goal frame's origin; `None` without an axis.
 fn map_between(start: &PlanarPose, goal: &PlanarPose) -> Option<FrameMap> {
     let (start, goal_frame) = (pose(start), pose(goal));
-    FrameMap::new(CanonicalFrames { start, goal_frame, goal: goal_frame }).ok()
+    FrameMap::new(CanonicalFrames { start, goal_frame, goal: goal_frame, positions_turn: true })
+        .ok()
 }
 
 /// A demonstration carried over to the frames of the run, as the skill carries it.

@@ -30,6 +30,7 @@ impl From<Canonical> for CanonicalFrames {
             start: canonical.start.into(),
             goal_frame: canonical.goal_frame.into(),
             goal: canonical.goal.into(),
+            positions_turn: canonical.positions_turn,
         }
     }
 }
@@ -40,6 +41,7 @@ impl From<CanonicalFrames> for Canonical {
             start: canonical.start.into(),
             goal_frame: canonical.goal_frame.into(),
             goal: canonical.goal.into(),
+            positions_turn: canonical.positions_turn,
         }
     }
 }
