@@ -1,6 +1,7 @@
 # make demo          the main job: learn the pick and run it on a simulated UR5 (SEED=n varies the scene)
 # make demo-planar   the same in the plane, without Python
 # make test          set everything up and pass all tests
+# make bench         measure one evaluation of the policy
 # make lint          formatting and static checks
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
@@ -14,7 +15,7 @@ BIN := target/release
 VENV := target/venv
 BRIDGE := $(VENV)/bin/sim-bridge
 
-.PHONY: help demo demo-planar test lint build venv clean
+.PHONY: help demo demo-planar test bench lint build venv clean
 
 help:
 	@sed -n '/^# make/s/^# //p' Makefile
@@ -75,6 +76,12 @@ test: build venv
 	$(CARGO) test --release --locked --workspace
 	@echo '== Python tests'
 	$(VENV)/bin/python -m pytest -q sim-bridge/tests
+
+bench: build
+	@mkdir -p target/bench
+	@for skill in pick planar; do \
+	    $(BIN)/learner train config/skills/$$skill.ron --out target/bench/$$skill.model.ron > /dev/null || exit 1; done
+	$(CARGO) bench --locked --bench evaluation
 
 lint: venv
 	@echo '== lint'
