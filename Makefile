@@ -15,7 +15,7 @@ BIN := target/release
 VENV := target/venv
 BRIDGE := $(VENV)/bin/sim-bridge
 
-.PHONY: help demo demo-planar test bench lint build venv clean
+.PHONY: help demo demo-planar test bench lint build venv seed clean
 
 help:
 	@sed -n '/^# make/s/^# //p' Makefile
@@ -28,6 +28,7 @@ venv: $(VENV)/ready
 
 $(VENV)/ready: sim-bridge/requirements.txt sim-bridge/pyproject.toml
 	@echo '== setting up Python in $(VENV)'
+	@$(PYTHON) --version > /dev/null || { echo '`$(PYTHON)` does not run: make PYTHON=/path/to/python3.11 names another'; exit 1; }
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
 	    (3, 9) <= v <= (3, 11) or sys.exit(f"Python 3.9, 3.10 or 3.11 is needed, for which pybullet has packages; " \
 	    f"`$(PYTHON)` is Python {v[0]}.{v[1]}. Install one of them, or name it: make PYTHON=/path/to/python3.11")'
@@ -47,7 +48,10 @@ define together
 	[ $$code -le 1 ]
 endef
 
-demo: build venv
+seed:
+	@[[ '$(SEED)' =~ ^[0-9]+$$ ]] || { echo 'SEED: expected a whole number, found `$(SEED)`'; exit 1; }
+
+demo: seed venv build
 	@rm -rf target/demo && mkdir -p target/demo
 	@echo '== learning the pick from config/demonstrations/pick'
 	@$(BIN)/learner train config/skills/pick.ron --out target/demo/pick.model.ron
@@ -59,7 +63,7 @@ demo: build venv
 	@echo '== report'
 	@$(BRIDGE) report target/demo
 
-demo-planar: build
+demo-planar: seed build
 	@rm -rf target/demo-planar && mkdir -p target/demo-planar
 	@echo '== learning a planar skill from config/demonstrations/planar'
 	@$(BIN)/learner train config/skills/planar.ron --out target/demo-planar/planar.model.ron

@@ -1,6 +1,8 @@
 //! How long one evaluation of the policy takes, and what it is made of. `make bench` trains the
 //! models and runs it. Benchmarks measure; no test asserts a time.
 
+#![expect(missing_docs, reason = "the macros of criterion make public functions without them")]
+
 use std::hint::black_box;
 use std::path::Path;
 

@@ -5,6 +5,7 @@
 //! to it in the slack after publishing, or in the first exchange.
 
 use core::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Arc;
 
 use glam::DVec3;
 use nalgebra::SVector;
@@ -18,6 +19,7 @@ use tprmp_robot::Chain;
 use crate::allocation;
 use crate::inputs::{JointState, Scene, check_state, jumps, within_position_limits};
 use crate::limits::JointLimits;
+use crate::monitor::Board;
 use crate::policy::{Policy, TaskParameters, Workspace};
 use crate::realtime::{monotonic_ns, sleep_until};
 use crate::task::{Course, Remaining};
@@ -88,6 +90,7 @@ pub struct Cycle<const N: usize> {
     command: JointCommand,
     status: ControllerStatus,
     telemetry: Telemetry,
+    board: Arc<Board>,
     /// Dropped last: a sample that is still held would keep its shared memory in use.
     ports: ControllerPorts,
 }
@@ -158,6 +161,7 @@ impl<const N: usize> Cycle<N> {
             command,
             status: ControllerStatus::default(),
             telemetry: Telemetry::new(),
+            board: Arc::default(),
         }
     }
 
@@ -165,6 +169,12 @@ impl<const N: usize> Cycle<N> {
     #[must_use]
     pub fn telemetry(&self) -> &Telemetry {
         &self.telemetry
+    }
+
+    /// Where the loop writes what it is doing, for a thread that tells the user.
+    #[must_use]
+    pub fn board(&self) -> Arc<Board> {
+        Arc::clone(&self.board)
     }
 
     /// Runs until `stop` is set, or the task is done where that was asked for; then brings the
@@ -526,6 +536,7 @@ impl<const N: usize> Cycle<N> {
             _ if self.reference.is_none() => LifeCycle::Waiting,
             _ => LifeCycle::Holding,
         };
+        self.board.write(life_cycle, reason);
         self.status = ControllerStatus {
             sequence: self.status.sequence + 1,
             time_ns: now_ns,

@@ -9,6 +9,7 @@ pub mod check;
 pub mod cycle;
 pub mod inputs;
 pub mod limits;
+pub mod monitor;
 pub mod policy;
 pub mod realtime;
 pub mod startup;

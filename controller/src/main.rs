@@ -7,13 +7,14 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::{Parser, Subcommand};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 use tprmp_controller::allocation::CountingAllocator;
 use tprmp_controller::cycle::Pace;
+use tprmp_controller::monitor::Monitor;
 use tprmp_controller::startup::{self, StartError, WithRobot};
 use tprmp_controller::{check, realtime};
-use tprmp_messages::{Instance, LAYOUT};
+use tprmp_messages::{Instance, LAYOUT, LifeCycle};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -131,7 +132,7 @@ impl WithRobot for Run<'_> {
         )?;
         // After the ports exist, so that nothing replaces the handlers.
         let stop = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM] {
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
             flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
                 .and_then(|_| flag::register(signal, Arc::clone(&stop)))
                 .map_err(StartError::Signals)?;
@@ -140,26 +141,42 @@ impl WithRobot for Run<'_> {
             "controller: skill `{skill}`, {N} joints, instance `{}`: waiting for state and frames",
             self.instance.name()
         );
+        // Before the loop's priority is set, which a thread would inherit.
+        let monitor = Monitor::start(cycle.board());
         if self.pace != Pace::Lockstep {
             for refused in realtime::set_up(&real_time) {
                 eprintln!("controller: {refused}");
             }
         }
         let ending = cycle.run(&stop);
+        drop(monitor);
         let summary = cycle.telemetry().summary(ending.allocations, ending.life_cycle);
-        eprintln!(
-            "controller: {:?} after {} ticks, {} deadlines missed, {} allocations in the loop, \
-             tick p50 {} µs, p99 {} µs, max {} µs",
-            ending.life_cycle,
-            summary["ticks"],
-            summary["deadline_misses"],
-            ending.allocations,
-            summary["tick_us"]["p50"],
-            summary["tick_us"]["p99"],
-            summary["tick_us"]["max"],
-        );
+        report(&summary, ending.life_cycle);
         self.summary.map_or(Ok(()), |path| startup::write_summary(path, &summary))
     }
+}
+
+/// The last line: where the task stood when the controller left, and how the loop did.
+fn report(summary: &serde_json::Value, life_cycle: LifeCycle) {
+    let ticks = summary["ticks"].as_u64().unwrap_or(0);
+    if ticks == 0 {
+        eprintln!("controller: stopped; no state and frames had arrived, nothing was moved");
+        return;
+    }
+    let time = |percentile: &str| summary["tick_us"][percentile].as_f64().unwrap_or(0.0);
+    eprintln!(
+        "controller: stopped, the task was {}; {ticks} ticks, {} deadlines missed, {} allocations \
+         in the loop, tick p50 {:.1} µs, p99 {:.1} µs, max {:.1} µs",
+        match life_cycle {
+            LifeCycle::Done => "done",
+            _ => "not done",
+        },
+        summary["deadline_misses"],
+        summary["allocations"],
+        time("p50"),
+        time("p99"),
+        time("max"),
+    );
 }
 
 fn print_layout() {

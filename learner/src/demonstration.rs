@@ -59,9 +59,10 @@ struct File {
     samples: Vec<Vec<Option<f64>>>,
 }
 
+/// A frame of a file; [`frame`] makes a pose of it.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct FileFrame {
+pub(crate) struct FileFrame {
     position_m: Vec<Option<f64>>,
     quaternion_wxyz: Vec<Option<f64>>,
 }
@@ -153,8 +154,8 @@ pub fn read(
         let problem = format!("unknown frame; expected `{start_frame}` and `{goal_frame}`");
         return fail(&format!("frames.{name}"), problem);
     }
-    let start = frame(&file, start_frame, manifold, path)?;
-    let goal_frame = frame(&file, goal_frame, manifold, path)?;
+    let start = frame(&file.frames, start_frame, manifold, path)?;
+    let goal_frame = frame(&file.frames, goal_frame, manifold, path)?;
     if file.samples.len() < POINTS_MIN {
         let found = file.samples.len();
         return fail("samples", format!("expected at least {POINTS_MIN} points, found {found}"));
@@ -234,10 +235,16 @@ fn quaternion(wxyz: &[f64], key: &str, path: &Path) -> Result<DQuat, LearnerErro
     Ok(q.normalize())
 }
 
-fn frame(file: &File, name: &str, manifold: Manifold, path: &Path) -> Result<Pose, LearnerError> {
+/// The named frame as a valid pose.
+pub(crate) fn frame(
+    frames: &BTreeMap<String, FileFrame>,
+    name: &str,
+    manifold: Manifold,
+    path: &Path,
+) -> Result<Pose, LearnerError> {
     let key = format!("frames.{name}");
-    let Some(frame) = file.frames.get(name) else {
-        let found: Vec<_> = file.frames.keys().map(String::as_str).collect();
+    let Some(frame) = frames.get(name) else {
+        let found: Vec<_> = frames.keys().map(String::as_str).collect();
         let problem = format!("expected this frame, found only [{}]", found.join(", "));
         return Err(LearnerError::key(path, key, problem));
     };

@@ -44,6 +44,9 @@ pub enum LearnerError {
         /// What is wrong.
         problem: String,
     },
+    /// The command line asks for a number of components that cannot be.
+    #[error("option --components: {0}")]
+    Components(String),
     /// The convex program of a field was not solved.
     #[error(
         "the {block} field could not be fitted: the solver stopped with `{status}` after \

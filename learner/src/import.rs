@@ -1,201 +1,146 @@
-//! Imports demonstrations of another layout: one JSON file with several demonstrations, as the
-//! reference data of the thesis are stored.
+//! Imports demonstrations of other formats, told apart by their extension:
 //!
-//! ```text
-//! {"name": "C", "dt": 0.01, "manifold": "R2", "demonstrations": [
-//!   {"frames": {"start": {"A": [[…],[…]], "b": [x, y]}, "end": {…}}, "positions": [[x, y], …]}, …]}
-//! {"name": …, "dt": …, "manifold": "R3xS3", "quaternion_order": "wxyz", "demonstrations": [
-//!   {"tag": …, "frames": {"ee_frame": {"position": […], "quaternion": […]}, "obj_frame": {…}},
-//!    "positions": [[x, y, z, w, x, y, z], …]}, …]}
-//! ```
+//! * `.json` the layout of the thesis' reference data ([`thesis`]),
+//! * `.csv` a table, with its frames beside it in `<name>.frames.json` ([`table`]),
+//! * `.npz` arrays of NumPy ([`npz`]),
+//! * `.mat` shapes of the LASA handwriting data set ([`lasa`]).
 //!
-//! Other keys are disregarded: they repeat these, or are not used.
+//! Each reader gives [`Recording`]s; [`recording`] checks them and brings them to even times.
 
-use std::collections::{BTreeMap, BTreeSet};
+mod lasa;
+mod mat;
+mod npz;
+mod recording;
+mod table;
+mod thesis;
+
 use std::path::{Path, PathBuf};
 
-use glam::{DMat2, DQuat, DVec2, DVec3};
-use serde::Deserialize;
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::frame_map::Pose;
 
-use crate::demonstration::{Demonstration, to_text};
-use crate::error::{LearnerError, read_text};
+use crate::demonstration::to_text;
+use crate::error::LearnerError;
+use recording::Recording;
 
-/// How far a rotation may be from one.
-const ROTATION_TOLERANCE: f64 = 1e-6;
+/// Larger files, and larger contents of compressed ones, are refused [bytes].
+const BYTES_MAX: u64 = 256 << 20;
 
-#[derive(Deserialize)]
-struct Foreign {
-    name: String,
-    dt: f64,
-    manifold: String,
-    quaternion_order: Option<String>,
-    demonstrations: Vec<ForeignDemonstration>,
+/// How values between samples are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Interpolation {
+    /// Cubic Hermite: smooth, with the slopes of parabolas through three samples.
+    #[default]
+    Cubic,
+    /// Straight lines, and turns at constant speed.
+    Linear,
 }
 
-#[derive(Deserialize)]
-struct ForeignDemonstration {
-    tag: Option<String>,
-    frames: BTreeMap<String, ForeignFrame>,
-    positions: Vec<Vec<f64>>,
-}
-
-/// Planar frames have A and b, spatial ones a position and a quaternion (and A, b on another space).
-#[derive(Deserialize)]
-struct ForeignFrame {
-    #[serde(rename = "A")]
-    a: Option<Vec<Vec<f64>>>,
-    b: Option<Vec<f64>>,
-    position: Option<[f64; 3]>,
-    quaternion: Option<[f64; 4]>,
-}
-
-/// What to import.
-#[derive(Clone, Debug)]
+/// What to import, and how.
+#[derive(Clone, Debug, Default)]
 pub struct Selection {
-    /// Name of the skill; the file's own name when there is none.
+    /// Name of the skill; the file's own name when there is none and the file has one.
     pub skill: Option<String>,
     /// Only demonstrations with this tag.
     pub tag: Option<String>,
+    /// Name of the start frame; by default `start` in the plane, `ee_start` in space.
+    pub start_frame: Option<String>,
+    /// Name of the goal frame; by default `end` in the plane, `object` in space.
+    pub goal_frame: Option<String>,
+    /// Time between samples to bring the demonstrations to [s].
+    pub sampling_time_s: Option<f64>,
+    /// How.
+    pub interpolation: Interpolation,
+    /// Time between recorded samples in place of the file's own times [s].
+    pub recorded_at_s: Option<f64>,
+}
+
+impl Selection {
+    /// Names of start and goal frame.
+    fn frames(&self, manifold: Manifold) -> [String; 2] {
+        let [start, goal] = match manifold {
+            Manifold::R2 => ["start", "end"],
+            Manifold::R3 | Manifold::R3S3 => ["ee_start", "object"],
+        };
+        let name = |chosen: &Option<String>, usual: &str| chosen.clone().unwrap_or(usual.into());
+        [name(&self.start_frame, start), name(&self.goal_frame, goal)]
+    }
+
+    /// The skill's name of a file that has none.
+    fn skill_of(&self, path: &Path) -> Result<String, LearnerError> {
+        self.skill.clone().ok_or_else(|| {
+            input(path, "option --skill", "expected the skill's name: such a file does not say it")
+        })
+    }
 }
 
 /// Imports a file and writes its demonstrations into a folder, which is made when it is missing:
-/// `<skill>_01.json` and so on. Returns the files written.
+/// `<file>.json` of a file with one demonstration, else `<skill>_01.json` and so on. Returns the
+/// files written.
 ///
 /// # Errors
-/// [`LearnerError`], naming file and key: the file cannot be read or is not of the layout, the tag
-/// is missing or unknown, or the folder cannot be written.
+/// [`LearnerError`], naming the file and the key, column, array or variable: the file cannot be
+/// read or is not of the format, its times and velocities contradict each other, an option does
+/// not fit, or the folder cannot be written.
 pub fn import(
     foreign: &Path,
     folder: &Path,
     selection: &Selection,
 ) -> Result<Vec<PathBuf>, LearnerError> {
-    let (demonstrations, [start_frame, goal_frame]) = read_foreign(foreign, selection)?;
-    std::fs::create_dir_all(folder)
-        .map_err(|source| LearnerError::Write { path: folder.into(), source })?;
-    let mut written = Vec::with_capacity(demonstrations.len());
-    for demonstration in &demonstrations {
-        let path = folder.join(&demonstration.name);
-        std::fs::write(&path, to_text(demonstration, start_frame, goal_frame))
-            .map_err(|source| LearnerError::Write { path: path.clone(), source })?;
+    for (option, time) in [
+        ("option --sampling-time-s", selection.sampling_time_s),
+        ("option --recorded-at-s", selection.recorded_at_s),
+    ] {
+        if let Some(time) = time.filter(|time| !(time.is_finite() && *time > 0.0)) {
+            return Err(input(foreign, option, format!("expected a positive time, found {time}")));
+        }
+    }
+    let extension = foreign.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    let single = matches!(extension.as_str(), "csv" | "npz");
+    let (skill, recordings) = match extension.as_str() {
+        "json" => thesis::read(foreign, selection)?,
+        "csv" => (selection.skill_of(foreign)?, vec![table::read(foreign, selection)?]),
+        "npz" => (selection.skill_of(foreign)?, vec![npz::read(foreign, selection)?]),
+        "mat" => lasa::read(foreign, selection)?,
+        other => {
+            let problem = format!("expected .json, .csv, .npz or .mat, found `.{other}`");
+            return Err(input(foreign, "extension", problem));
+        }
+    };
+    let stem = foreign.file_stem().unwrap_or_default().to_string_lossy();
+    let mut texts = Vec::with_capacity(recordings.len());
+    for (i, recording) in recordings.into_iter().enumerate() {
+        let name =
+            if single { format!("{stem}.json") } else { format!("{skill}_{:02}.json", i + 1) };
+        let [start_frame, goal_frame] = selection.frames(recording.manifold);
+        let demonstration = recording.finish(foreign, &skill, &name, selection)?;
+        texts.push((name, to_text(&demonstration, &start_frame, &goal_frame)));
+    }
+    let failed = |path: &Path, source| LearnerError::Write { path: path.into(), source };
+    std::fs::create_dir_all(folder).map_err(|source| failed(folder, source))?;
+    let mut written = Vec::with_capacity(texts.len());
+    for (name, text) in texts {
+        let path = folder.join(name);
+        std::fs::write(&path, text).map_err(|source| failed(&path, source))?;
         written.push(path);
     }
     Ok(written)
 }
 
-/// The demonstrations of a foreign file, and what its start and goal frame are called here.
-fn read_foreign(
-    path: &Path,
-    selection: &Selection,
-) -> Result<(Vec<Demonstration>, [&'static str; 2]), LearnerError> {
-    let text = read_text(path)?;
-    let file: Foreign = serde_json::from_str(&text)
-        .map_err(|e| LearnerError::syntax(path, e.line(), e.column(), e.to_string()))?;
-    let fail = |key: &str, problem: String| Err(LearnerError::key(path, key, problem));
-    // Frames: their names there, and here.
-    let (manifold, frames) = match file.manifold.as_str() {
-        "R2" => (Manifold::R2, [("start", "start"), ("end", "end")]),
-        "R3xS3" => (Manifold::R3S3, [("ee_frame", "ee_start"), ("obj_frame", "object")]),
-        other => return fail("manifold", format!("expected R2 or R3xS3, found `{other}`")),
-    };
-    if manifold.has_orientation() && file.quaternion_order.as_deref() != Some("wxyz") {
-        let found = file.quaternion_order.unwrap_or_else(|| "none".into());
-        return fail("quaternion_order", format!("expected `wxyz`, found `{found}`"));
-    }
-    if !(file.dt.is_finite() && file.dt > 0.0) {
-        return fail("dt", format!("expected a positive time [s], found {}", file.dt));
-    }
-    let tags: BTreeSet<&str> =
-        file.demonstrations.iter().filter_map(|d| d.tag.as_deref()).collect();
-    let known = tags.iter().map(|tag| format!("`{tag}`")).collect::<Vec<_>>().join(", ");
-    match &selection.tag {
-        None if tags.len() > 1 => {
-            let problem = format!("several kinds of demonstrations ({known}): choose one by --tag");
-            return fail("demonstrations[].tag", problem);
-        }
-        Some(tag) if !tags.contains(tag.as_str()) => {
-            let problem = format!("expected one of [{known}], found --tag `{tag}`");
-            return fail("demonstrations[].tag", problem);
-        }
-        _ => {}
-    }
-    let skill = selection.skill.clone().unwrap_or(file.name);
-    let mut demonstrations = Vec::new();
-    for (i, foreign) in file.demonstrations.iter().enumerate() {
-        if selection.tag.is_some() && selection.tag != foreign.tag {
-            continue;
-        }
-        let key = format!("demonstrations[{i}]");
-        let frame = |name: &str| {
-            let frame = foreign.frames.get(name).and_then(|frame| pose(frame, manifold));
-            frame.ok_or_else(|| {
-                let problem = match manifold {
-                    Manifold::R2 => "expected `A`, a rotation of the plane, and `b`, a point",
-                    _ => "expected `position` and a unit `quaternion`",
-                };
-                LearnerError::key(path, format!("{key}.frames.{name}"), problem)
-            })
-        };
-        let (start, goal_frame) = (frame(frames[0].0)?, frame(frames[1].0)?);
-        let mut poses = Vec::with_capacity(foreign.positions.len());
-        for (j, row) in foreign.positions.iter().enumerate() {
-            let Some(pose) = sample(row, manifold) else {
-                let columns = crate::demonstration::columns(manifold);
-                let problem = format!("expected {columns:?}, found {row:?}");
-                return fail(&format!("{key}.positions[{j}]"), problem);
-            };
-            poses.push(pose);
-        }
-        demonstrations.push(Demonstration {
-            name: format!("{skill}_{:02}.json", demonstrations.len() + 1),
-            sha256: String::new(),
-            skill: skill.clone(),
-            manifold,
-            sampling_time_s: file.dt,
-            start,
-            goal_frame,
-            poses,
-        });
-    }
-    if demonstrations.is_empty() {
-        return fail("demonstrations", "expected at least one, found none".into());
-    }
-    Ok((demonstrations, frames.map(|(_, here)| here)))
+/// A file that does not say what it should, at a place that is not a key.
+fn input(path: &Path, place: impl Into<String>, problem: impl Into<String>) -> LearnerError {
+    LearnerError::Input { path: path.into(), place: place.into(), problem: problem.into() }
 }
 
-fn pose(frame: &ForeignFrame, manifold: Manifold) -> Option<Pose> {
-    if manifold != Manifold::R2 {
-        let position = DVec3::from_array(frame.position?);
-        return Some(Pose { position, orientation: quaternion(&frame.quaternion?)? });
+/// The bytes of a file that is not too large.
+fn read_bytes(path: &Path) -> Result<Vec<u8>, LearnerError> {
+    let unreadable = |source| LearnerError::Read { path: path.into(), source };
+    let size = std::fs::metadata(path).map_err(unreadable)?.len();
+    if size > BYTES_MAX {
+        return Err(input(
+            path,
+            "size",
+            format!("expected at most {BYTES_MAX} bytes, found {size}"),
+        ));
     }
-    let rows: Vec<DVec2> = frame
-        .a
-        .as_ref()?
-        .iter()
-        .map(|row| <[f64; 2]>::try_from(row.as_slice()).ok().map(DVec2::from_array))
-        .collect::<Option<_>>()?;
-    let [first, second] = <[DVec2; 2]>::try_from(rows).ok()?;
-    let rotation = DMat2::from_cols(first, second).transpose();
-    let angle = rotation.x_axis.y.atan2(rotation.x_axis.x);
-    if !rotation.abs_diff_eq(DMat2::from_angle(angle), ROTATION_TOLERANCE) {
-        return None;
-    }
-    let [x, y] = <[f64; 2]>::try_from(frame.b.as_deref()?).ok()?;
-    Some(Pose { position: DVec3::new(x, y, 0.0), orientation: DQuat::from_rotation_z(angle) })
-}
-
-fn sample(row: &[f64], manifold: Manifold) -> Option<Pose> {
-    if manifold == Manifold::R2 {
-        let [x, y] = <[f64; 2]>::try_from(row).ok()?;
-        return Some(Pose { position: DVec3::new(x, y, 0.0), orientation: DQuat::IDENTITY });
-    }
-    let [x, y, z, rotation @ ..] = <[f64; 7]>::try_from(row).ok()?;
-    Some(Pose { position: DVec3::new(x, y, z), orientation: quaternion(&rotation)? })
-}
-
-fn quaternion(wxyz: &[f64; 4]) -> Option<DQuat> {
-    let [w, x, y, z] = *wxyz;
-    let q = DQuat::from_xyzw(x, y, z, w);
-    ((q.length() - 1.0).abs() < 1e-3).then(|| q.normalize())
+    std::fs::read(path).map_err(unreadable)
 }

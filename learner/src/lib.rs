@@ -1,18 +1,20 @@
 //! Learns a frozen model from demonstrations: one skill, one convex program a block.
 //!
 //! [`train::train`] is the whole way: demonstrations → canonical coordinates ([`canonical`],
-//! [`savitzky_golay`]) → Gaussian mixture ([`em`]) → field of each block ([`basis`], [`fit`]) →
+//! [`savitzky_golay`]) → Gaussian mixture ([`k_means`], [`em`], [`components`]) → field of each block ([`basis`], [`fit`]) →
 //! rollouts ([`verify`]) → model.
 
 pub mod attractors;
 pub mod basis;
 pub mod canonical;
+pub mod components;
 pub mod conic;
 pub mod demonstration;
 pub mod em;
 pub mod error;
 pub mod fit;
 pub mod import;
+pub mod k_means;
 pub mod report;
 pub mod savitzky_golay;
 pub mod skill;

@@ -6,8 +6,9 @@ use std::time::{Duration, Instant};
 
 use clap::{Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
+use tprmp_learner::components::Components;
 use tprmp_learner::error::LearnerError;
-use tprmp_learner::import::{Selection, import};
+use tprmp_learner::import::{Interpolation, Selection, import};
 use tprmp_learner::{report, train};
 use tprmp_model::skill_model;
 
@@ -37,26 +38,87 @@ enum Command {
         /// Seed of all random numbers: the same input and seed give the same file, byte for byte
         #[arg(long, default_value_t = 1)]
         seed: u64,
+        /// Gaussians of the mixture: a number, or `auto` for the least Bayesian information
+        /// criterion; by default the skill file's `mixture.components`
+        #[arg(long, value_name = "auto|N", value_parser = count_or_auto)]
+        components: Option<Count>,
+        /// Numbers of Gaussians that `--components auto` tries
+        #[arg(
+            long,
+            value_name = "LEAST..MOST",
+            default_value = "2..20",
+            value_parser = range,
+            requires = "components"
+        )]
+        components_range: (usize, usize),
     },
     /// Print what a model file holds
     Inspect {
         /// Model file
         model: PathBuf,
     },
-    /// Turn a JSON file of several demonstrations in the thesis' layout into demonstration files
+    /// Turn a file of another format into demonstration files
+    ///
+    /// Formats, by extension:
+    ///   .json  several demonstrations in the thesis' layout
+    ///   .csv   one demonstration: header with time_s and x_m, y_m [, z_m [, qw, qx, qy, qz]];
+    ///          its frames in <name>.frames.json: {"frames": {...}}
+    ///   .npz   one demonstration: arrays time_s, poses, frames/<name> (x y z qw qx qy qz)
+    ///   .mat   LASA handwriting: cells `demos` with pos, t, vel, dt, in mm
+    ///
+    /// Recorded velocities (vx_m_s ..., velocities, vel) are compared with the sampling time.
+    #[command(verbatim_doc_comment)]
     Import {
         /// File to import
         foreign: PathBuf,
         /// Folder to write the demonstrations to; made when it is missing
         #[arg(long)]
         out: PathBuf,
-        /// Name of the skill; by default the one in the file
+        /// Name of the skill; by default the one in the file (.json) or of the file (.mat)
         #[arg(long)]
         skill: Option<String>,
         /// Only the demonstrations with this tag
         #[arg(long)]
         tag: Option<String>,
+        /// Name of the start frame; by default `start` in the plane, `ee_start` in space
+        #[arg(long)]
+        start_frame: Option<String>,
+        /// Name of the goal frame; by default `end` in the plane, `object` in space
+        #[arg(long)]
+        goal_frame: Option<String>,
+        /// Resample to this time between samples [s]; first and last sample stay, so the time is
+        /// rounded to a whole part of the duration
+        #[arg(long, value_name = "S")]
+        sampling_time_s: Option<f64>,
+        /// How to resample
+        #[arg(long, value_enum, default_value_t)]
+        interpolation: Interpolation,
+        /// Time between the recorded samples [s], in place of what the file says
+        #[arg(long, value_name = "S")]
+        recorded_at_s: Option<f64>,
     },
+}
+
+/// What `--components` says.
+#[derive(Clone, Copy)]
+enum Count {
+    Auto,
+    Number(usize),
+}
+
+fn count_or_auto(text: &str) -> Result<Count, String> {
+    match text {
+        "auto" => Ok(Count::Auto),
+        _ => text.parse().map(Count::Number).map_err(|_| "expected `auto` or a number".into()),
+    }
+}
+
+fn range(text: &str) -> Result<(usize, usize), String> {
+    let ends = text.split_once("..").and_then(|(least, most)| {
+        Some((least.parse().ok()?, most.trim_start_matches('=').parse().ok()?))
+    });
+    ends.filter(|(least, most)| least <= most)
+        .ok_or_else(|| "expected two numbers, the smaller first, e.g. 2..20".into())
 }
 
 fn main() -> ExitCode {
@@ -71,9 +133,14 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<(), LearnerError> {
     match command {
-        Command::Train { skill, out, seed } => {
+        Command::Train { skill, out, seed, components, components_range: (least, most) } => {
+            let components = match components {
+                None => Components::SkillFile,
+                Some(Count::Number(count)) => Components::Count(count),
+                Some(Count::Auto) => Components::Auto { least, most },
+            };
             let mut progress = Progress::new();
-            let trained = train::train(&skill, seed, &mut |done| progress.tell(done))?;
+            let trained = train::train(&skill, components, seed, &mut |done| progress.tell(done))?;
             progress.finish();
             skill_model::write(&trained.model, &out)?;
             print!("{}", report::trained(&trained));
@@ -82,8 +149,27 @@ fn run(command: Command) -> Result<(), LearnerError> {
         Command::Inspect { model } => {
             print!("{}", report::inspected(&skill_model::read(&model)?));
         }
-        Command::Import { foreign, out, skill, tag } => {
-            for path in import(&foreign, &out, &Selection { skill, tag })? {
+        Command::Import {
+            foreign,
+            out,
+            skill,
+            tag,
+            start_frame,
+            goal_frame,
+            sampling_time_s,
+            interpolation,
+            recorded_at_s,
+        } => {
+            let selection = Selection {
+                skill,
+                tag,
+                start_frame,
+                goal_frame,
+                sampling_time_s,
+                interpolation,
+                recorded_at_s,
+            };
+            for path in import(&foreign, &out, &selection)? {
                 println!("wrote      {}", path.display());
             }
         }

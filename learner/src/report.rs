@@ -4,13 +4,14 @@ use std::fmt::Write as _;
 
 use tprmp_model::skill_model::{FieldFit, FieldModel, Fit, Pose, SkillModel};
 
+use crate::components::Choice;
 use crate::train::Trained;
 
 /// What `learner train` prints.
 #[must_use]
 pub fn trained(trained: &Trained) -> String {
     let model = &trained.model;
-    let mut text = String::new();
+    let mut text = trained.choice.as_ref().map(choice).unwrap_or_default();
     let count = model.provenance.demonstrations.len();
     line(
         &mut text,
@@ -33,6 +34,26 @@ pub fn trained(trained: &Trained) -> String {
     for warning in &trained.warnings {
         line(&mut text, "warning", warning);
     }
+    text
+}
+
+/// The mixtures that were tried, the chosen one marked.
+fn choice(choice: &Choice) -> String {
+    let mut text = String::from("  K  log-likelihood [nat]  parameters     BIC [nat]\n");
+    for candidate in &choice.candidates {
+        let mark = match (candidate.components == choice.components, candidate.empty) {
+            (true, _) => "  < least, chosen",
+            (_, true) => "  a component is empty",
+            _ => "",
+        };
+        writeln!(
+            text,
+            "{:>3}  {:>20.1}  {:>10}  {:>12.1}{mark}",
+            candidate.components, candidate.log_likelihood, candidate.parameters, candidate.bic
+        )
+        .expect("a string grows");
+    }
+    text.push('\n');
     text
 }
 

@@ -72,10 +72,21 @@ pub struct Scale {
 pub struct Mixture {
     /// Gaussians K, without the goal's component.
     pub components: usize,
+    /// Where the iterations start.
+    pub initialisation: Initialisation,
     /// Iterations.
     pub iterations: u32,
     /// Added to the covariances' diagonal in each iteration [ŷ²].
     pub regularisation: f64,
+}
+
+/// Where expectation maximisation starts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Initialisation {
+    /// Each path is cut into K pieces of equal arc length.
+    ArcLength,
+    /// Clusters of (phase, coordinates) by k-means, from seeded centres.
+    KMeans,
 }
 
 /// Field of a block. Lengths are in ŷ.
@@ -167,6 +178,15 @@ impl Skill {
             .validate()
             .map_err(|(key, problem)| LearnerError::key(path, key, problem))
             .map(|()| skill)
+    }
+
+    /// The same skill with another number of Gaussians.
+    ///
+    /// # Errors
+    /// What was expected, when the number is outside the range of `mixture.components`.
+    pub fn with_components(mut self, components: usize) -> Result<Self, String> {
+        self.mixture.components = components;
+        self.validate_counts().map_err(|(_, problem)| problem).map(|()| self)
     }
 
     /// Every value as `section.key` and text, in order of the keys.

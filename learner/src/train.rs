@@ -12,21 +12,23 @@ use tprmp_model::skill_model::{
 };
 
 use crate::canonical::{CanonicalSet, canonicalise};
+use crate::components::{self, Choice, Components};
 use crate::demonstration::{self, Demonstration};
-use crate::em::{Mixture, maximise, phase_samples};
+use crate::em::{Mixture, PhaseSamples, maximise, phase_samples};
 use crate::error::LearnerError;
 use crate::fit::{fit, shape};
+use crate::k_means;
 use crate::savitzky_golay::Path;
-use crate::skill::Skill;
+use crate::skill::{Initialisation, Skill};
 use crate::targets::BlockPath;
 use crate::verify::Verifier;
 
 /// Fewest samples a component must hold on average.
-const SAMPLES_PER_COMPONENT_MIN: usize = 3;
+pub(crate) const SAMPLES_PER_COMPONENT_MIN: usize = 3;
 /// A demonstration is warned of when it is left by more than this share of the skill's span.
 const PATH_SHARE_MAX: f64 = 0.05;
 /// A component with a smaller prior holds no samples.
-const PRIOR_MIN: f64 = 1e-6;
+pub(crate) const PRIOR_MIN: f64 = 1e-6;
 
 /// A trained model, and how the training went.
 #[derive(Clone, Debug)]
@@ -39,6 +41,8 @@ pub struct Trained {
     pub times: Vec<(&'static str, Duration)>,
     /// Samples of all demonstrations.
     pub samples: usize,
+    /// How the number of Gaussians was chosen, when the learner chose it.
+    pub choice: Option<Choice>,
 }
 
 /// Wall times of the steps, and who is told about them.
@@ -57,12 +61,13 @@ impl Clock<'_> {
     }
 }
 
-/// Trains a skill file's model. `progress` is told the name of what is done.
+/// Trains a skill file's model with `components` Gaussians. `progress` is told the name of what is done.
 ///
 /// # Errors
 /// [`LearnerError`], naming the file and key, or the part that failed.
 pub fn train(
     skill_file: &FilePath,
+    components: Components,
     seed: u64,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Trained, LearnerError> {
@@ -75,7 +80,31 @@ pub fn train(
         &skill.start_frame,
         &skill.goal_frame,
     )?;
-    learn(&skill, &demonstrations, seed, progress)
+    let started = Instant::now();
+    let Some(origin) = components.origin() else {
+        return learn(&skill, &demonstrations, seed, progress);
+    };
+    let choice = match components {
+        Components::Auto { least, most } => {
+            Some(components::choose(&skill, &demonstrations, seed, least..=most, progress)?)
+        }
+        Components::SkillFile | Components::Count(_) => None,
+    };
+    let count = match (&choice, components) {
+        (Some(choice), _) => choice.components,
+        (None, Components::Count(count)) => count,
+        (None, _) => skill.mixture.components,
+    };
+    let chosen = started.elapsed();
+    let skill = skill.with_components(count).map_err(LearnerError::Components)?;
+    let mut trained = learn(&skill, &demonstrations, seed, progress)?;
+    trained.model.provenance.hyper_parameters.push(("mixture.components_origin".into(), origin));
+    if let Some(choice) = choice {
+        trained.times.insert(0, ("choice of K", chosen));
+        trained.warnings.extend(choice.warning());
+        trained.choice = Some(choice);
+    }
+    Ok(trained)
 }
 
 /// Learns a model from demonstrations.
@@ -105,7 +134,7 @@ pub fn learn(
             .collect()
     };
     let scales = set.scales;
-    let (mixture, phase_length) = mixture(skill, &set)?;
+    let (mixture, phase_length) = mixture(skill, &set, seed)?;
     clock.step("mixture");
 
     let field = |block, first, random: &mut ChaCha8Rng| {
@@ -168,14 +197,13 @@ pub fn learn(
         },
     };
     let samples = demonstrations.iter().map(|d| d.poses.len()).sum();
-    Ok(Trained { model, warnings, times: clock.times, samples })
+    Ok(Trained { model, warnings, times: clock.times, samples, choice: None })
 }
 
-/// The mixture over normalised position ⊕ orientation, and the length that phase one stands for.
-fn mixture(skill: &Skill, set: &CanonicalSet) -> Result<(Mixture, f64), LearnerError> {
+/// The demonstrations in normalised position ⊕ orientation, without the phase.
+pub(crate) fn joint_paths(skill: &Skill, set: &CanonicalSet) -> Vec<Vec<DVector<f64>>> {
     let dimension = skill.manifold.position_dimension();
-    let joint: Vec<Vec<DVector<f64>>> = set
-        .demonstrations
+    set.demonstrations
         .iter()
         .map(|d| {
             let pairs = d.position.points.iter().zip(&d.rotation.points);
@@ -190,14 +218,36 @@ fn mixture(skill: &Skill, set: &CanonicalSet) -> Result<(Mixture, f64), LearnerE
             });
             joined.collect()
         })
-        .collect();
+        .collect()
+}
+
+/// Samples with their phase and `components` pieces to start from.
+pub(crate) fn initialised(
+    joint: &[Vec<DVector<f64>>],
+    components: usize,
+    initialisation: Initialisation,
+    seed: u64,
+) -> PhaseSamples {
+    let mut data = phase_samples(joint, components);
+    if initialisation == Initialisation::KMeans {
+        // A stream of its own: the random points of the fit stay what they are.
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(1);
+        data.responsibilities = k_means::responsibilities(&data.samples, components, &mut random);
+    }
+    data
+}
+
+/// The mixture over normalised position ⊕ orientation, and the length that phase one stands for.
+fn mixture(skill: &Skill, set: &CanonicalSet, seed: u64) -> Result<(Mixture, f64), LearnerError> {
+    let joint = joint_paths(skill, set);
     let components = skill.mixture.components;
     let samples: usize = joint.iter().map(Vec::len).sum();
     let too_many = |problem: String| LearnerError::Mixture { components, problem };
     if samples < SAMPLES_PER_COMPONENT_MIN * components {
         return Err(too_many(format!("the demonstrations have only {samples} samples together")));
     }
-    let data = phase_samples(&joint, components);
+    let data = initialised(&joint, components, skill.mixture.initialisation, seed);
     let mixture = maximise(&data, skill.mixture.iterations, skill.mixture.regularisation);
     if let Some(k) = mixture.priors.iter().position(|prior| *prior < PRIOR_MIN) {
         return Err(too_many(format!("component {} holds no samples", k + 1)));

@@ -203,7 +203,7 @@ fn foreign_planar() -> String {
 fn planar_foreign_files_are_imported_with_their_frames() {
     let folder = Folder::new("foreign-planar");
     let foreign = folder.write("C.json", &foreign_planar());
-    let selection = Selection { skill: Some("arc".into()), tag: None };
+    let selection = Selection { skill: Some("arc".into()), ..Selection::default() };
     let written = import(&foreign, &folder.path().join("out/deep"), &selection).unwrap();
     assert_eq!(written.len(), 1);
     let shown = read(&written[0], "start", "end").unwrap();
@@ -236,7 +236,8 @@ fn poses_are_imported_by_their_tag() {
     let folder = Folder::new("foreign-poses");
     let foreign = folder.write("grasp.json", &text);
     let out = folder.path().join("out");
-    let tagged = |tag: Option<&str>| Selection { skill: None, tag: tag.map(String::from) };
+    let tagged =
+        |tag: Option<&str>| Selection { tag: tag.map(String::from), ..Selection::default() };
     let message = |tag| import(&foreign, &out, &tagged(tag)).unwrap_err().to_string();
     assert!(message(None).contains("`side`, `top`"));
     assert!(message(Some("bottom")).contains("bottom"));
@@ -255,8 +256,7 @@ fn wrong_foreign_files_are_refused_by_key() {
     let folder = Folder::new("foreign-wrong");
     let say = |text: String| {
         let foreign = folder.write("C.json", &text);
-        let none = Selection { skill: None, tag: None };
-        import(&foreign, &folder.path().join("out"), &none).unwrap_err().to_string()
+        import(&foreign, &folder.path().join("out"), &Selection::default()).unwrap_err().to_string()
     };
     let good = foreign_planar();
     let sheared = say(good.replace("[[0.0, -1.0], [1.0, 0.0]]", "[[1.0, 0.5], [0.0, 1.0]]"));

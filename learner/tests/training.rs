@@ -6,10 +6,11 @@ use std::process::{Command, Output};
 
 use common::{Folder, arcs, skill_text};
 use glam::{DQuat, DVec3};
+use tprmp_learner::components::Components;
 use tprmp_learner::demonstration::Demonstration;
 use tprmp_learner::error::LearnerError;
 use tprmp_learner::report;
-use tprmp_learner::skill::Skill;
+use tprmp_learner::skill::{Initialisation, Skill};
 use tprmp_learner::train::{Trained, learn, train};
 use tprmp_model::skill_model::{self, Manifold, to_text};
 
@@ -121,10 +122,66 @@ fn the_same_input_and_seed_give_the_same_bytes() {
     let folder = Folder::new("bytes");
     folder.demonstrations("shown", &arcs(Manifold::R3S3));
     let file = folder.write("skill.ron", &skill_text("pick.ron"));
-    let text = |seed| to_text(&train(&file, seed, &mut |_| {}).unwrap().model);
+    let text =
+        |seed| to_text(&train(&file, Components::SkillFile, seed, &mut |_| {}).unwrap().model);
     let first = text(1);
     assert_eq!(first, text(1));
     assert_ne!(first, text(2));
+}
+
+#[test]
+fn k_means_learns_too_and_depends_on_the_seed_only() {
+    let mut skill = skill("planar.ron");
+    skill.mixture.initialisation = Initialisation::KMeans;
+    let shown = arcs(Manifold::R2);
+    let trained = |seed| learn(&skill, &shown, seed, &mut |_| {}).unwrap();
+    let first = trained(1);
+    check(&first, 0.006, 0.0_f64.next_up());
+    assert_eq!(to_text(&first.model), to_text(&trained(1).model));
+    assert_ne!(first.model.gaussians, trained(2).model.gaussians);
+}
+
+#[test]
+fn the_number_of_gaussians_is_chosen_by_the_criterion() {
+    let folder = Folder::new("components");
+    folder.demonstrations("shown", &arcs(Manifold::R2));
+    let file = folder.write("skill.ron", &skill_text("planar.ron"));
+    let auto = |least, most| train(&file, Components::Auto { least, most }, 1, &mut |_| {});
+    let trained = auto(2, 12).unwrap();
+    let choice = trained.choice.as_ref().unwrap();
+    let numbers: Vec<_> = choice.candidates.iter().map(|c| c.components).collect();
+    assert_eq!(numbers, (2..=12).collect::<Vec<_>>());
+    let least = choice.candidates.iter().map(|c| c.bic).fold(f64::INFINITY, f64::min);
+    for candidate in &choice.candidates {
+        // Three coordinates with the phase: 3 of the mean, 6 of the covariance, the prior.
+        assert_eq!(candidate.parameters, 10 * candidate.components - 1);
+        assert_eq!(candidate.bic == least, candidate.components == choice.components);
+    }
+    // The chosen mixture is the trained one, and the model says so.
+    let model = &trained.model;
+    assert_eq!(model.gaussians.len(), choice.components);
+    let value = |key: &str| {
+        let values = &model.provenance.hyper_parameters;
+        values.iter().find(|(name, _)| name == key).map(|(_, value)| value.clone())
+    };
+    assert_eq!(value("mixture.components"), Some(choice.components.to_string()));
+    assert_eq!(value("mixture.components_origin").unwrap(), "BIC among 2 to 12");
+    let again = train(&file, Components::Count(choice.components), 1, &mut |_| {}).unwrap();
+    assert_eq!(
+        (&model.position, &model.gaussians),
+        (&again.model.position, &again.model.gaussians)
+    );
+    assert!(again.choice.is_none());
+    assert_eq!(to_text(model), to_text(&auto(2, 12).unwrap().model));
+    let said = report::trained(&trained);
+    let marked = said.lines().find(|line| line.contains("< least, chosen")).unwrap();
+    assert!(marked.trim_start().starts_with(&choice.components.to_string()), "{said}");
+    assert!(report::trained(&auto(2, 3).unwrap()).contains("--components-range"));
+
+    for components in [Components::Count(900), Components::Auto { least: 0, most: 5 }] {
+        let message = train(&file, components, 1, &mut |_| {}).unwrap_err().to_string();
+        assert!(message.contains("--components") && message.contains("expected 1 to"), "{message}");
+    }
 }
 
 #[test]

@@ -36,6 +36,7 @@ from sim_bridge.messages import (
     GripperState,
     JointCommand,
     ObstacleKind,
+    Reason,
     RobotState,
     TaskFrames,
     write_name,
@@ -52,6 +53,9 @@ POLL_SLEEP_S = 50e-6
 PRIORITY_DEFAULT = 40
 """SCHED_FIFO priority of the loop in real time: below a controller's."""
 DONE_WAIT_S = 2.0
+# A controller without a valid command for so long is gone; one that is started again before takes
+# over.
+LOST_AFTER_S = 5.0
 """How long a held, lifted box waits for the controller to call itself done, in real time."""
 
 
@@ -61,6 +65,7 @@ class Outcome(str, Enum):
     LIFTED = "lifted"
     TIMEOUT = "timeout"
     STOPPED = "stopped"
+    CONTROLLER_STOPPED = "controller stopped"
     CONTROLLER_LOST = "controller lost"
 
 
@@ -179,6 +184,7 @@ class _Run:
         self.torque_measured = [0.0] * len(world.joints)
         self.seal_height_m = math.nan
         self.held_s = 0.0
+        self.braked_s = 0.0
 
     # The step.
 
@@ -203,6 +209,7 @@ class _Run:
             gravity_cmd = command.gravity_torque[:n]
             wanted = [t + g for t, g in zip(command.torque[:n], gravity_cmd)]
             applied = world.apply_torque(wanted)
+            self.braked_s = 0.0
             self.timing.clamped_steps += applied != wanted
             self.torque_measured = [a - g for a, g in zip(applied, gravity)]
             self.log.write(
@@ -218,6 +225,7 @@ class _Run:
             # The vacuum stays as it was last asked for: braking must not drop the object.
             world.brake()
             self.timing.braked_steps += 1
+            self.braked_s += world.dt_s
             self.torque_measured = [0.0] * n
         world.step(vacuum)
         if world.sphere is not None:
@@ -226,9 +234,23 @@ class _Run:
 
     def judge(self) -> Outcome | None:
         """Whether the run is over, after the newest state was read."""
-        world, task = self.world, self.scene.task
-        if world.steps >= self.steps_max:
+        if self.world.steps >= self.steps_max:
             return Outcome.TIMEOUT
+        if not self.options.lockstep and self.braked_s > LOST_AFTER_S:
+            return Outcome.CONTROLLER_LOST
+        lifted = self.lifted()
+        if lifted is None and not self.options.lockstep and self.stopped():
+            return Outcome.CONTROLLER_STOPPED
+        return lifted
+
+    def stopped(self) -> bool:
+        """Whether the controller has left on purpose, the arm at rest."""
+        command = self.command
+        return command.mode == CommandMode.STOP and command.reason == Reason.STOP_REQUESTED
+
+    def lifted(self) -> Outcome | None:
+        """Whether the box was lifted and held for long enough."""
+        world, task = self.world, self.scene.task
         if world.gripper != GripperState.HOLDING:
             self.seal_height_m, self.held_s = math.nan, 0.0
             return None

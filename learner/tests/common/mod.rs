@@ -1,5 +1,7 @@
 //! What several tests share: folders of their own, and demonstrations made up from formulas.
 
+mod folder;
+
 use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
@@ -7,28 +9,9 @@ use tprmp_learner::demonstration::{Demonstration, to_text};
 use tprmp_model::skill_model::Manifold;
 use tprmp_rmpflow::frame_map::Pose;
 
-/// A folder of one test alone, removed at its end.
-pub(crate) struct Folder(PathBuf);
+pub(crate) use folder::Folder;
 
 impl Folder {
-    pub(crate) fn new(name: &str) -> Self {
-        let path =
-            std::env::temp_dir().join(format!("tprmp-learner-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    pub(crate) fn path(&self) -> &Path {
-        &self.0
-    }
-
-    pub(crate) fn write(&self, name: &str, text: &str) -> PathBuf {
-        let path = self.0.join(name);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(&path, text).unwrap();
-        path
-    }
-
     /// Writes demonstrations as files into a folder in this one.
     pub(crate) fn demonstrations(&self, folder: &str, all: &[Demonstration]) {
         for demonstration in all {
@@ -37,12 +20,6 @@ impl Folder {
                 &to_text(demonstration, "start", "end"),
             );
         }
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        std::fs::remove_dir_all(&self.0).unwrap();
     }
 }
 

@@ -1,0 +1,129 @@
+//! Tells the user what the loop is doing, from a thread of its own: the loop only stores numbers.
+
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use tprmp_messages::{LifeCycle, Reason};
+
+/// How often the monitor looks.
+const PERIOD: Duration = Duration::from_millis(100);
+/// A reason shorter than this many looks is not worth a line: 0.3 s.
+const LOOKS_MIN: u32 = 3;
+
+/// What the loop last said about itself. Written by the loop without a lock.
+#[derive(Debug, Default)]
+pub struct Board {
+    life_cycle: AtomicU32,
+    reason: AtomicU32,
+    closed: AtomicBool,
+}
+
+impl Board {
+    /// Stores life cycle and reason. No lock, no allocation.
+    pub fn write(&self, life_cycle: LifeCycle, reason: Reason) {
+        self.life_cycle.store(life_cycle.to_wire(), Ordering::Relaxed);
+        self.reason.store(reason.to_wire(), Ordering::Relaxed);
+    }
+
+    fn read(&self) -> (LifeCycle, Reason) {
+        let life_cycle = LifeCycle::from_wire(self.life_cycle.load(Ordering::Relaxed));
+        let reason = Reason::from_wire(self.reason.load(Ordering::Relaxed));
+        (life_cycle.unwrap_or_default(), reason.unwrap_or_default())
+    }
+}
+
+/// A thread that prints every change that lasts.
+#[derive(Debug)]
+pub struct Monitor {
+    board: Arc<Board>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Monitor {
+    /// Starts the thread. It inherits nothing of the loop's priority when it is started before
+    /// that is set.
+    #[must_use]
+    pub fn start(board: Arc<Board>) -> Self {
+        let watched = Arc::clone(&board);
+        Self { board, thread: Some(thread::spawn(move || watch(&watched))) }
+    }
+}
+
+impl Drop for Monitor {
+    fn drop(&mut self) {
+        self.board.closed.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn watch(board: &Board) {
+    let (mut told, mut seen, mut looks) = (None, None, 0);
+    while !board.closed.load(Ordering::Relaxed) {
+        let now = board.read();
+        looks = if seen == Some(now) { looks + 1 } else { 0 };
+        seen = Some(now);
+        if looks >= LOOKS_MIN && told != Some(now) {
+            told = Some(now);
+            eprintln!("controller: {}", describe(now.0, now.1));
+        }
+        thread::sleep(PERIOD);
+    }
+}
+
+/// A sentence for people.
+#[must_use]
+pub fn describe(life_cycle: LifeCycle, reason: Reason) -> String {
+    let state = match life_cycle {
+        LifeCycle::Waiting => "waiting",
+        LifeCycle::Running => "following the skill",
+        LifeCycle::Lifting => "lifting",
+        LifeCycle::Done => "done",
+        LifeCycle::Holding => "holding still",
+        LifeCycle::Stopping => "stopping",
+    };
+    let why = match reason {
+        Reason::None => return state.into(),
+        Reason::StateStale => "no new robot state arrives; in lockstep, both sides need --lockstep",
+        Reason::SequenceWentBack => "the state's sequence number went back",
+        Reason::StateNotFinite => "the robot state holds a number that is not finite",
+        Reason::JointCount => "the robot state has another number of joints than the robot",
+        Reason::FrameMissing => "a frame that the skill needs is missing or marked invalid",
+        Reason::FrameNotFinite => "a frame or an obstacle holds a number that is not finite",
+        Reason::QuaternionNotUnit => "a frame's quaternion is not of unit length",
+        Reason::ObstacleUnknown => "an obstacle is of a kind that this controller does not know",
+        Reason::FramesStale => "no new frames arrive",
+        Reason::ResolveFailed => "the policy could not be resolved here",
+        Reason::CommandNotFinite => "the policy's command was not finite",
+        Reason::StopRequested => "asked to stop",
+        Reason::JointLimit => "a joint is outside its position limits",
+        Reason::Overrun => "too many deadlines were missed in a row",
+        Reason::StateUnbelievable => "a measured speed or a jump of a position is not believable",
+        Reason::GripperUnknown => "the gripper reports a state that this controller does not know",
+    };
+    format!("{state}: {why}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_reason_has_a_sentence_of_its_own() {
+        let mut sentences: Vec<_> =
+            Reason::ALL.iter().map(|r| describe(LifeCycle::Holding, *r)).collect();
+        sentences.sort();
+        sentences.dedup();
+        assert_eq!(sentences.len(), Reason::ALL.len());
+    }
+
+    #[test]
+    fn the_board_keeps_what_was_written() {
+        let board = Board::default();
+        board.write(LifeCycle::Holding, Reason::FramesStale);
+        assert_eq!(board.read(), (LifeCycle::Holding, Reason::FramesStale));
+    }
+}

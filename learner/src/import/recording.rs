@@ -1,0 +1,344 @@
+//! A recorded demonstration: checked, and brought to even times.
+
+use std::path::Path;
+
+use glam::{DQuat, DVec3, DVec4};
+use tprmp_model::skill_model::Manifold;
+use tprmp_rmpflow::frame_map::Pose;
+
+use super::{Interpolation, Selection, input};
+use crate::demonstration::{Demonstration, POINTS_MIN};
+use crate::error::LearnerError;
+
+/// Most samples of a demonstration.
+const SAMPLES_MAX: f64 = 100_000.0;
+/// Positions farther away are refused [m]; so nothing below overflows.
+const POSITION_MAX_M: f64 = 1e6;
+/// Times farther away are refused [s].
+const TIME_MAX_S: f64 = 1e12;
+/// Share of the sampling time by which a sample may be early or late and still count as even.
+const JITTER_MAX: f64 = 0.1;
+/// The sampling time by the velocities may differ from the declared one by this factor: noise and
+/// filters pass, a factor of two does not.
+const VELOCITY_FACTOR_MAX: f64 = 1.5;
+
+/// One demonstration as it was recorded.
+#[derive(Clone, Debug)]
+pub(super) struct Recording {
+    /// Where it is in the file, for errors, e.g. ``key `demonstrations[2]` ``.
+    pub(super) place: String,
+    /// Space of the poses.
+    pub(super) manifold: Manifold,
+    /// Start frame.
+    pub(super) start: Pose,
+    /// Goal frame.
+    pub(super) goal_frame: Pose,
+    /// When [s].
+    pub(super) times_s: Vec<f64>,
+    /// Where; as many.
+    pub(super) poses: Vec<Pose>,
+    /// Recorded velocities of the position [m/s]; as many.
+    pub(super) velocities: Option<Vec<DVec3>>,
+}
+
+impl Recording {
+    /// Checks the recording and brings it to even times.
+    pub(super) fn finish(
+        mut self,
+        path: &Path,
+        skill: &str,
+        name: &str,
+        selection: &Selection,
+    ) -> Result<Demonstration, LearnerError> {
+        let fail = |place: &str, problem: String| Err(input(path, place, problem));
+        if self.poses.len() < POINTS_MIN {
+            let found = self.poses.len();
+            let problem = format!("expected at least {POINTS_MIN} samples, found {found}");
+            return fail(&self.place, problem);
+        }
+        if let Some(step) = selection.recorded_at_s {
+            self.times_s = (0..self.poses.len()).map(|i| i as f64 * step).collect();
+        }
+        if let Err(problem) = self.check() {
+            return fail(&self.place, problem);
+        }
+        let last = self.poses.len() - 1;
+        let duration_s = self.times_s[last] - self.times_s[0];
+        let even_s = duration_s / last as f64;
+        // Who says how the samples were recorded has decided between times and velocities.
+        if selection.recorded_at_s.is_none()
+            && let Err(problem) = self.check_velocities(even_s)
+        {
+            return fail(&self.place, problem);
+        }
+        let (sampling_time_s, poses) = match selection.sampling_time_s {
+            Some(wanted_s) => {
+                // The ends stay where they are: the step gives way.
+                let steps = (duration_s / wanted_s).round();
+                if !(steps >= POINTS_MIN as f64 - 1.0 && steps < SAMPLES_MAX) {
+                    let problem = format!(
+                        "expected a time that makes {POINTS_MIN} to {SAMPLES_MAX} samples of \
+                         {duration_s} s, found {wanted_s} s"
+                    );
+                    return fail("option --sampling-time-s", problem);
+                }
+                let count = steps as usize;
+                (duration_s / steps, self.resampled(count, selection.interpolation))
+            }
+            None => {
+                let late = |(i, t): (usize, &f64)| {
+                    let expected = self.times_s[0] + i as f64 * even_s;
+                    ((t - expected).abs() > JITTER_MAX * even_s).then_some((i, *t, expected))
+                };
+                if let Some((i, found, expected)) = self.times_s.iter().enumerate().find_map(late) {
+                    let problem = format!(
+                        "expected even times {even_s:.6} s apart, but sample {i} is at {found:.6} s \
+                         instead of {expected:.6} s; --sampling-time-s makes them even"
+                    );
+                    return fail(&self.place, problem);
+                }
+                (even_s, self.poses)
+            }
+        };
+        Ok(Demonstration {
+            name: name.into(),
+            sha256: String::new(),
+            skill: skill.into(),
+            manifold: self.manifold,
+            sampling_time_s,
+            start: self.start,
+            goal_frame: self.goal_frame,
+            poses,
+        })
+    }
+
+    fn check(&self) -> Result<(), String> {
+        assert_eq!(self.times_s.len(), self.poses.len(), "readers check the lengths");
+        let near = format!("expected finite positions below {POSITION_MAX_M} m");
+        for (name, frame) in [("start", &self.start), ("goal", &self.goal_frame)] {
+            if !is_near(&frame.position) {
+                return Err(format!("{near}, found {} of the {name} frame", frame.position));
+            }
+        }
+        if let Some(i) = self.poses.iter().position(|pose| !is_near(&pose.position)) {
+            return Err(format!("{near}, found {} at sample {i}", self.poses[i].position));
+        }
+        if let Some(i) = self.times_s.iter().position(|t| !t.is_finite() || t.abs() > TIME_MAX_S) {
+            return Err(format!("expected a finite time, found {} at sample {i}", self.times_s[i]));
+        }
+        if let Some(i) = self.times_s.windows(2).position(|pair| pair[1] <= pair[0]) {
+            let (before, after) = (self.times_s[i], self.times_s[i + 1]);
+            return Err(format!(
+                "expected times that grow, found {after} s at sample {} after {before} s",
+                i + 1
+            ));
+        }
+        if self.poses.iter().all(|p| (p.position - self.poses[0].position).length() < 1e-9) {
+            return Err("expected a motion, found a point that never moves".into());
+        }
+        Ok(())
+    }
+
+    /// Least squares of Δx = s v Δt: s is by how much longer a sample lasted than declared.
+    fn check_velocities(&self, declared_s: f64) -> Result<(), String> {
+        let Some(velocities) = &self.velocities else { return Ok(()) };
+        assert_eq!(velocities.len(), self.poses.len(), "readers check the lengths");
+        if let Some(i) = velocities.iter().position(|v| !is_near(v)) {
+            return Err(format!(
+                "expected finite velocities, found {} at sample {i}",
+                velocities[i]
+            ));
+        }
+        let (mut along, mut square) = (0.0, 0.0);
+        for i in 1..self.poses.len() {
+            let way = (velocities[i - 1] + velocities[i])
+                * (0.5 * (self.times_s[i] - self.times_s[i - 1]));
+            along += way.dot(self.poses[i].position - self.poses[i - 1].position);
+            square += way.length_squared();
+        }
+        // Velocities that are all zero were not recorded.
+        let factor = along / square;
+        if square == 0.0 || (1.0 / VELOCITY_FACTOR_MAX..VELOCITY_FACTOR_MAX).contains(&factor) {
+            return Ok(());
+        }
+        Err(format!(
+            "the declared sampling time is {declared_s:.6} s, but by the recorded velocities it is \
+             {:.6} s; say the right one by --recorded-at-s",
+            factor * declared_s
+        ))
+    }
+
+    /// Poses at `steps` + 1 even times from the first to the last.
+    fn resampled(&self, steps: usize, interpolation: Interpolation) -> Vec<Pose> {
+        let last = self.poses.len() - 1;
+        let (first_s, duration_s) = (self.times_s[0], self.times_s[last] - self.times_s[0]);
+        // A quaternion and its negative are the same: neighbours on the same side of the sphere.
+        let mut turns: Vec<DVec4> = Vec::with_capacity(self.poses.len());
+        for pose in &self.poses {
+            let q = DVec4::from(pose.orientation);
+            let other_side = turns.last().is_some_and(|before| before.dot(q) < 0.0);
+            turns.push(if other_side { -q } else { q });
+        }
+        let values: Vec<[DVec4; 2]> =
+            self.poses.iter().zip(turns).map(|(p, q)| [p.position.extend(0.0), q]).collect();
+        let mut i = 0;
+        (0..=steps)
+            .map(|k| {
+                if k == 0 || k == steps {
+                    return self.poses[if k == 0 { 0 } else { last }];
+                }
+                let t = first_s + duration_s * (k as f64 / steps as f64);
+                while i + 2 <= last && self.times_s[i + 1] <= t {
+                    i += 1;
+                }
+                let span = self.times_s[i + 1] - self.times_s[i];
+                let u = ((t - self.times_s[i]) / span).clamp(0.0, 1.0);
+                match interpolation {
+                    Interpolation::Linear => Pose {
+                        position: self.poses[i].position.lerp(self.poses[i + 1].position, u),
+                        orientation: DQuat::from_vec4(values[i][1])
+                            .slerp(DQuat::from_vec4(values[i + 1][1]), u)
+                            .normalize(),
+                    },
+                    Interpolation::Cubic => {
+                        let [p, q] = [0, 1].map(|part| self.hermite(&values, part, i, u));
+                        // Neighbours on one side of the sphere keep the sum away from zero, but
+                        // for turns that jump by almost half a turn.
+                        let turn = if q.length() > 0.1 { q } else { values[i][1] };
+                        Pose {
+                            position: p.truncate(),
+                            orientation: DQuat::from_vec4(turn).normalize(),
+                        }
+                    }
+                }
+            })
+            .collect()
+    }
+
+    /// The cubic between samples i and i + 1 at u in [0, 1].
+    fn hermite(&self, values: &[[DVec4; 2]], part: usize, i: usize, u: f64) -> DVec4 {
+        let span = self.times_s[i + 1] - self.times_s[i];
+        let (a, b) = (values[i][part], values[i + 1][part]);
+        let [slope_a, slope_b] = [i, i + 1].map(|j| self.slope(values, part, j) * span);
+        let (u2, u3) = (u * u, u * u * u);
+        a * (2.0 * u3 - 3.0 * u2 + 1.0)
+            + slope_a * (u3 - 2.0 * u2 + u)
+            + b * (3.0 * u2 - 2.0 * u3)
+            + slope_b * (u3 - u2)
+    }
+
+    /// Slope at a sample of the parabola through it and its neighbours.
+    fn slope(&self, values: &[[DVec4; 2]], part: usize, j: usize) -> DVec4 {
+        let middle = j.clamp(1, values.len() - 2);
+        let rate = |k: usize| {
+            (values[k + 1][part] - values[k][part]) / (self.times_s[k + 1] - self.times_s[k])
+        };
+        let (before, after) = (rate(middle - 1), rate(middle));
+        let [t0, t1, t2] = [middle - 1, middle, middle + 1].map(|k| self.times_s[k]);
+        let bend = (after - before) / (t2 - t0);
+        // Newton's form, differentiated at t_j.
+        let t = self.times_s[j];
+        before + bend * (2.0 * t - t0 - t1)
+    }
+}
+
+/// Finite and not far away: no coordinate is NaN.
+fn is_near(vector: &DVec3) -> bool {
+    vector.to_array().iter().all(|x| x.abs() <= POSITION_MAX_M)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn uneven() -> Recording {
+        let times_s: Vec<f64> =
+            (0..40).map(|i| 0.05 * f64::from(i) + 0.02 * f64::from(i).sin()).collect();
+        let poses = times_s
+            .iter()
+            .enumerate()
+            .map(|(i, t)| {
+                let turn = DQuat::from_rotation_z(0.8 * t);
+                let position = DVec3::new(t * t, 1.0 - t, 0.3 * t);
+                // Every third quaternion is on the other side.
+                Pose { position, orientation: if i % 3 == 0 { -turn } else { turn } }
+            })
+            .collect();
+        let still = Pose { position: DVec3::ZERO, orientation: DQuat::IDENTITY };
+        Recording {
+            place: "here".into(),
+            manifold: Manifold::R3S3,
+            start: still,
+            goal_frame: still,
+            times_s,
+            poses,
+            velocities: None,
+        }
+    }
+
+    fn finish(recording: Recording, selection: &Selection) -> Result<Demonstration, String> {
+        let path = Path::new("shown.csv");
+        recording.finish(path, "made_up", "shown.json", selection).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn cubics_keep_parabolas_and_turns_and_both_ends() {
+        let recording = uneven();
+        let (first, last) = (recording.times_s[0], recording.times_s[39]);
+        for (interpolation, error_max) in
+            [(Interpolation::Cubic, 1e-9), (Interpolation::Linear, 2e-3)]
+        {
+            let selection =
+                Selection { sampling_time_s: Some(0.017), interpolation, ..Selection::default() };
+            let even = finish(recording.clone(), &selection).unwrap();
+            let count = even.poses.len() - 1;
+            assert_eq!(even.poses[0], recording.poses[0]);
+            assert_eq!(even.poses[count], recording.poses[39]);
+            assert!((even.sampling_time_s * count as f64 - (last - first)).abs() < 1e-12);
+            assert!((even.sampling_time_s / 0.017 - 1.0).abs() < 0.01);
+            for (k, pose) in even.poses.iter().enumerate() {
+                let t = first + k as f64 * even.sampling_time_s;
+                let expected = DVec3::new(t * t, 1.0 - t, 0.3 * t);
+                assert!((pose.position - expected).length() < error_max, "{k}");
+                let turn = DQuat::from_rotation_z(0.8 * t);
+                assert!(turn.dot(pose.orientation).abs() > 1.0 - 1e-9, "{k}");
+            }
+        }
+    }
+
+    #[test]
+    fn uneven_times_ask_for_resampling() {
+        let message = finish(uneven(), &Selection::default()).unwrap_err();
+        assert!(message.contains("--sampling-time-s") && message.contains("here"), "{message}");
+        let tiny = Selection { sampling_time_s: Some(1e-9), ..Selection::default() };
+        assert!(finish(uneven(), &tiny).unwrap_err().contains("--sampling-time-s"));
+        let mut back = uneven();
+        back.times_s.swap(3, 4);
+        assert!(finish(back, &tiny).unwrap_err().contains("times that grow"));
+    }
+
+    #[test]
+    fn a_sampling_time_off_by_two_is_found_by_the_velocities() {
+        let mut recording = uneven();
+        recording.times_s = (0..40).map(|i| 0.05 * f64::from(i)).collect();
+        let speeds = |factor: f64| Some(vec![DVec3::new(0.2, -0.1, 0.3) * factor; 40]);
+        for (i, pose) in recording.poses.iter_mut().enumerate() {
+            pose.position = DVec3::new(0.2, -0.1, 0.3) * (0.05 * i as f64);
+        }
+        for (factor, found) in [(0.5, "0.100000 s"), (2.0, "0.025000 s"), (-1.0, "-0.050000 s")] {
+            recording.velocities = speeds(factor);
+            let message = finish(recording.clone(), &Selection::default()).unwrap_err();
+            assert!(message.contains("0.050000 s") && message.contains(found), "{message}");
+        }
+        for factor in [0.0, 0.8, 1.0, 1.2] {
+            recording.velocities = speeds(factor);
+            assert!(finish(recording.clone(), &Selection::default()).is_ok(), "{factor}");
+        }
+        recording.velocities = speeds(0.5);
+        for step_s in [0.05, 0.1] {
+            let said = Selection { recorded_at_s: Some(step_s), ..Selection::default() };
+            let shown = finish(recording.clone(), &said).unwrap();
+            assert!((shown.sampling_time_s - step_s).abs() < 1e-12);
+        }
+    }
+}
