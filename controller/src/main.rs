@@ -119,7 +119,7 @@ impl WithRobot for Run<'_> {
     fn call<const N: usize>(self) -> Result<(), StartError> {
         if let Some(path) = self.summary {
             // Before anything moves: a summary that cannot be written would be lost.
-            startup::write_summary(path, &serde_json::json!({}))?;
+            startup::try_summary(path)?;
         }
         let real_time = self.loaded.config.real_time;
         let skill = self.loaded.model.skill.clone();

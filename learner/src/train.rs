@@ -73,6 +73,13 @@ pub fn train(
 ) -> Result<Trained, LearnerError> {
     let skill = Skill::read(skill_file)?;
     let folder = skill_file.parent().unwrap_or(FilePath::new("")).join(&skill.demonstrations);
+    if !folder.is_dir() {
+        let problem = format!(
+            "expected a folder of demonstrations, relative to this file, found `{}`, which is none",
+            skill.demonstrations.display()
+        );
+        return Err(LearnerError::key(skill_file, "demonstrations", problem));
+    }
     let demonstrations = demonstration::read_folder(
         &folder,
         &skill.skill,
