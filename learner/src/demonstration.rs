@@ -13,8 +13,6 @@ use crate::error::{LearnerError, read_text};
 
 /// Schema version this module reads and writes.
 pub const SCHEMA: &str = "tprmp-demonstration/1";
-/// Nobody shows a skill faster than this [m/s]: positions in mm do, and samples that jump.
-const SPEED_MAX_M_S: f64 = 20.0;
 /// Fewest points of a demonstration.
 pub const POINTS_MIN: usize = 10;
 /// How far the length of a quaternion may be from one before it is refused; within, it is
@@ -178,16 +176,6 @@ pub fn read(
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let sha256 = sha256_hex(text.as_bytes());
     let skill = file.skill;
-    for (i, pair) in poses.windows(2).enumerate() {
-        let speed = (pair[1].position - pair[0].position).length() / sampling_time_s;
-        if speed > SPEED_MAX_M_S {
-            let problem = format!(
-                "expected positions in m that move by at most {SPEED_MAX_M_S} m/s, found {speed:.1} m/s \
-                 from the sample before"
-            );
-            return fail(&format!("samples[{}]", i + 1), problem);
-        }
-    }
     Ok(Demonstration { name, sha256, skill, manifold, sampling_time_s, start, goal_frame, poses })
 }
 
