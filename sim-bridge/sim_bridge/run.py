@@ -56,6 +56,8 @@ DONE_WAIT_S = 2.0
 # A controller without a valid command for so long is gone; one that is started again before takes
 # over.
 LOST_AFTER_S = 5.0
+# A box on a braked arm swings for less than this.
+SETTLE_S = 0.5
 """How long a held, lifted box waits for the controller to call itself done, in real time."""
 
 
@@ -244,9 +246,15 @@ class _Run:
         return lifted
 
     def stopped(self) -> bool:
-        """Whether the controller has left on purpose, the arm at rest."""
+        """Whether the controller has left on purpose, and the box will not count as held any more.
+
+        A box that is in the air is still to be seen held still, by the braked arm.
+        """
         command = self.command
-        return command.mode == CommandMode.STOP and command.reason == Reason.STOP_REQUESTED
+        if command.mode != CommandMode.STOP or command.reason != Reason.STOP_REQUESTED:
+            return False
+        in_the_air = self.world.gripper == GripperState.HOLDING
+        return not in_the_air or self.braked_s > self.scene.task.hold_time_s + SETTLE_S
 
     def lifted(self) -> Outcome | None:
         """Whether the box was lifted and held for long enough."""
