@@ -226,7 +226,8 @@ class _Run:
         else:
             # The vacuum stays as it was last asked for: braking must not drop the object.
             world.brake()
-            self.timing.braked_steps += 1
+            # Braking after the controller has left on purpose is as it should be.
+            self.timing.braked_steps += not self.left_on_purpose()
             self.braked_s += world.dt_s
             self.torque_measured = [0.0] * n
         world.step(vacuum)
@@ -245,13 +246,17 @@ class _Run:
             return Outcome.CONTROLLER_STOPPED
         return lifted
 
+    def left_on_purpose(self) -> bool:
+        """Whether the last command is the one with which a controller ends."""
+        command = self.command
+        return command.mode == CommandMode.STOP and command.reason == Reason.STOP_REQUESTED
+
     def stopped(self) -> bool:
         """Whether the controller has left on purpose, and the box will not count as held any more.
 
         A box that is in the air is still to be seen held still, by the braked arm.
         """
-        command = self.command
-        if command.mode != CommandMode.STOP or command.reason != Reason.STOP_REQUESTED:
+        if not self.left_on_purpose():
             return False
         in_the_air = self.world.gripper == GripperState.HOLDING
         return not in_the_air or self.braked_s > self.scene.task.hold_time_s + SETTLE_S
