@@ -14,7 +14,6 @@ use tprmp_messages::{
     LifeCycle, Reason, RobotState, Sample, TaskFrames,
 };
 use tprmp_model::controller_config::{ControllerConfig, Trigger};
-use tprmp_robot::Chain;
 
 use crate::allocation;
 use crate::inputs::{JointState, Scene, check_state, jumps, within_position_limits};
@@ -553,12 +552,6 @@ impl<const N: usize> Cycle<N> {
             energy_j: self.progress.energy,
         };
         let _ = self.ports.status.publish(self.status);
-    }
-
-    /// The robot.
-    #[must_use]
-    pub fn chain(&self) -> &Chain<N> {
-        self.policy.chain()
     }
 }
 

@@ -19,6 +19,8 @@ use tprmp_robot::{
 pub struct Policy<const N: usize> {
     chain: Chain<N>,
     skill: Skill,
+    /// The goal relative to the goal frame.
+    grasp: Pose,
     inertia: SkillInertia,
     joint_damping: JointDamping,
     collision: Option<CollisionNode>,
@@ -124,9 +126,12 @@ impl<const N: usize> Policy<N> {
                 })
                 .collect(),
         });
+        let canonical = skill.map.canonical();
+        let grasp = canonical.goal_frame.inverse().compose(&canonical.goal);
         Self {
             chain,
             skill,
+            grasp,
             inertia: config.skill.inertia(),
             joint_damping: config.joint_damping.leaf(),
             collision,
@@ -186,9 +191,7 @@ impl<const N: usize> Policy<N> {
             _ => value.natural,
         };
         root.add_pullback(&leaf, &kinematics.tool_jacobian, &kinematics.tool_jd_qd);
-        let canonical = self.skill.map.canonical();
-        let grasp = canonical.goal_frame.inverse().compose(&canonical.goal);
-        let goal = parameters.goal_frame.pose.compose(&grasp);
+        let goal = parameters.goal_frame.pose.compose(&self.grasp);
         if let (Task::Skill, Some(funnel)) = (task, &self.approach) {
             let frame = &parameters.goal_frame;
             let clearance = funnel.clearance(tool.position, linear, goal.position, frame);

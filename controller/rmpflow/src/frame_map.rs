@@ -463,12 +463,6 @@ impl Displacement {
         let rotation = DQuat::from_xyzw(x, y, z, self.start_rotation.w.value());
         (vector(self.start_image), vector(self.goal_image), vector(self.twist), rotation)
     }
-
-    /// The goal in the world.
-    #[must_use]
-    pub fn goal_position(&self) -> DVec3 {
-        self.values().1
-    }
 }
 
 /// Jets as they are, or only their values.
@@ -602,7 +596,7 @@ mod tests {
         let expected = goal.pose.compose(&canonical.goal_frame.inverse().compose(&canonical.goal));
         assert!((image.position - expected.position).length() < 1e-12);
         assert!(image.rotation_from(&expected).length() < 1e-12);
-        assert!((moved.goal_position() - expected.position).length() < 1e-12);
+        assert!((moved.values().1 - expected.position).length() < 1e-12);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3};
 use nalgebra::{Matrix3, Matrix6, Vector2, Vector3, Vector6};
 
 use crate::field::Field;
-use crate::frame_map::{Canonical, Displacement, FrameMap, Mapped, Pose};
+use crate::frame_map::{Displacement, FrameMap, Mapped, Pose};
 use crate::natural::Natural;
 
 /// The field of the position: in the plane z = const, or in space.
@@ -44,10 +44,6 @@ pub struct SkillValue {
     pub natural: Natural<6>,
     /// V = Φ + ½ ẏᵀMẏ \[J\]: never rises while the frames stand still.
     pub energy: f64,
-    /// Canonical point.
-    pub point: Canonical,
-    /// Its velocity.
-    pub velocity: Canonical,
     /// Determinant of the frame map.
     pub determinant: f64,
 }
@@ -128,8 +124,6 @@ impl Skill {
         SkillValue {
             natural: pull_to_pose(&mapped, &position, orientation.as_ref()),
             energy: position.energy + orientation.map_or(0.0, |o| o.energy),
-            point: y,
-            velocity: v,
             determinant: mapped.determinant,
         }
     }
