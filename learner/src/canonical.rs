@@ -7,8 +7,9 @@
 
 use glam::{DQuat, DVec3};
 use tprmp_rmpflow::frame_map::{
-    Canonical, CanonicalFrames, Displacement, FrameMap, FrameMotion, Pose, rotation_vector,
+    Canonical, CanonicalFrames, Displacement, FrameMap, FrameMotion, Pose,
 };
+use tprmp_rmpflow::rotation::rotation_vector;
 
 use crate::demonstration::{Demonstration, POINTS_MIN};
 use crate::error::LearnerError;

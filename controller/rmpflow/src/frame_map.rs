@@ -29,6 +29,7 @@
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::jet::{Jet, Quat, Real, Vec3};
+use crate::rotation::{inverse_left_jacobian, rotation_vector};
 
 /// Least determinant with which the map is inverted.
 pub const DETERMINANT_MIN: f64 = 0.1;
@@ -71,12 +72,6 @@ impl Pose {
     pub fn rotation_from(&self, other: &Self) -> DVec3 {
         rotation_vector(self.orientation * other.orientation.conjugate())
     }
-}
-
-/// The rotation vector of the shorter way round \[rad\].
-#[must_use]
-pub fn rotation_vector(q: DQuat) -> DVec3 {
-    DVec3::from_array(Quat::<f64>::constant(q).log().0)
 }
 
 /// A frame with its motion, all expressed in the world.
@@ -194,57 +189,9 @@ fn ramp(t: f64) -> [f64; 3] {
     ]
 }
 
-/// J_l⁻¹(r), the inverse left Jacobian of SO(3): ṙ = J_l⁻¹(r) ω for q = exp(r).
-fn inverse_left_jacobian(r: DVec3) -> DMat3 {
-    let squared = r.length_squared();
-    let factor = if squared < 1e-4 {
-        1.0 / 12.0 + squared / 720.0
-    } else {
-        let angle = squared.sqrt();
-        let half = 0.5 * angle;
-        (1.0 - half / half.tan()) / squared
-    };
-    let cross = skew(r);
-    DMat3::IDENTITY - cross * 0.5 + cross * cross * factor
-}
-
-/// \[r\]ₓ, so that \[r\]ₓ v = r × v.
-fn skew(r: DVec3) -> DMat3 {
-    DMat3::from_cols(
-        DVec3::new(0.0, r.z, -r.y),
-        DVec3::new(-r.z, 0.0, r.x),
-        DVec3::new(r.y, -r.x, 0.0),
-    )
-}
-
 /// a bᵀ.
 fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
-}
-
-/// An orientation in the chart q = q_g exp(r) of a goal at rest.
-#[derive(Debug, Clone, Copy)]
-pub struct Chart {
-    /// r \[rad\].
-    pub rotation: DVec3,
-    /// ṙ \[rad/s\].
-    pub velocity: DVec3,
-    /// ∂r/∂(angular displacement): ṙ = J ω.
-    pub jacobian: DMat3,
-    /// The angular acceleration for r̈ = 0 \[rad/s²\]: r̈ = J (ω̇ − b).
-    pub bias: DVec3,
-}
-
-/// Charts an orientation that turns with `angular` \[rad/s\] by the rotation vector from the
-/// goal, |r| < π.
-#[must_use]
-pub fn orientation_chart(goal: DQuat, orientation: DQuat, angular: DVec3) -> Chart {
-    let rotation = rotation_vector(goal.conjugate() * orientation);
-    let jacobian = inverse_left_jacobian(rotation) * DMat3::from_quat(goal.conjugate());
-    let velocity = jacobian * angular;
-    let path = Quat::exp(Vec3::moving(rotation, velocity, DVec3::ZERO));
-    let bias = Quat::<Jet>::constant(goal).times(path).angular_motion().1;
-    Chart { rotation, velocity, jacobian, bias }
 }
 
 impl FrameMap {

@@ -6,9 +6,10 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector1, Vector3, Vector6};
 
-use crate::frame_map::{FrameMotion, Pose, orientation_chart};
+use crate::frame_map::{FrameMotion, Pose};
 use crate::jet::{Jet, Quat, Real, Vec3};
 use crate::natural::Natural;
+use crate::rotation::orientation_chart;
 
 /// Collision avoidance on the clearance d between a control point and an obstacle.
 ///

@@ -25,4 +25,5 @@ pub mod frame_map;
 pub mod jet;
 pub mod leaves;
 pub mod natural;
+pub mod rotation;
 pub mod skill;

@@ -1,0 +1,188 @@
+//! The geometry of orientations: logarithm, Jacobians, a chart, and parallel transport on S³.
+//!
+//! Tangent vectors at an orientation q̄ are rotation vectors in body axes: q = q̄ exp(v), with v the
+//! full angle about its axis \[rad\]. The exponential is [`DQuat::from_scaled_axis`], its inverse
+//! [`rotation_vector`]; q and −q are the same orientation everywhere.
+//!
+//! ```text
+//! exp(r + dr) = exp(J_l(r) dr) exp(r) = exp(r) exp(J_r(r) dr)        J_r(r) = J_l(r)ᵀ = J_l(−r)
+//! ```
+
+use glam::{DMat3, DQuat, DVec3};
+
+use crate::jet::{Jet, Quat, Vec3};
+
+/// The rotation vector of the shorter way round, |r| ≤ π \[rad\].
+#[must_use]
+pub fn rotation_vector(q: DQuat) -> DVec3 {
+    DVec3::from_array(Quat::<f64>::constant(q).log().0)
+}
+
+/// Parallel transport along the geodesic from q to q exp(u), as the rotation of tangent vectors:
+/// v ↦ exp(−u/2) v exp(u/2).
+///
+/// It is that of the Levi-Civita connection of the bi-invariant metric. Both vectors are in body
+/// axes, v in those of q and its image in those of q exp(u).
+///
+/// * `u`  rotation vector of the way, |u| ≤ π \[rad\]
+#[must_use]
+pub fn parallel_transport(u: DVec3) -> DQuat {
+    DQuat::from_scaled_axis(u * -0.5)
+}
+
+/// J_r(r), the right Jacobian of SO(3): ω = J_r(r) ṙ in body axes for q = exp(r).
+#[must_use]
+pub fn right_jacobian(r: DVec3) -> DMat3 {
+    let squared = r.length_squared();
+    // (1 − cos θ)/θ² and (θ − sin θ)/θ³.
+    let (first, second) = if squared < 1e-3 {
+        (
+            0.5 - squared / 24.0 + squared * squared / 720.0,
+            1.0 / 6.0 - squared / 120.0 + squared * squared / 5040.0,
+        )
+    } else {
+        let angle = squared.sqrt();
+        let half_sine = (0.5 * angle).sin();
+        (2.0 * half_sine * half_sine / squared, (angle - angle.sin()) / (squared * angle))
+    };
+    let cross = skew(r);
+    DMat3::IDENTITY - cross * first + cross * cross * second
+}
+
+/// J_r⁻¹(r): ṙ = J_r⁻¹(r) ω for q = exp(r) and ω in body axes; |r| < 2π.
+#[must_use]
+pub fn inverse_right_jacobian(r: DVec3) -> DMat3 {
+    inverse_left_jacobian(-r)
+}
+
+/// J_l⁻¹(r), the inverse left Jacobian of SO(3): ṙ = J_l⁻¹(r) ω for q = exp(r); |r| < 2π.
+#[must_use]
+pub fn inverse_left_jacobian(r: DVec3) -> DMat3 {
+    let squared = r.length_squared();
+    let factor = if squared < 1e-4 {
+        1.0 / 12.0 + squared / 720.0
+    } else {
+        let angle = squared.sqrt();
+        let half = 0.5 * angle;
+        (1.0 - half / half.tan()) / squared
+    };
+    let cross = skew(r);
+    DMat3::IDENTITY - cross * 0.5 + cross * cross * factor
+}
+
+/// \[r\]ₓ, so that \[r\]ₓ v = r × v.
+fn skew(r: DVec3) -> DMat3 {
+    DMat3::from_cols(
+        DVec3::new(0.0, r.z, -r.y),
+        DVec3::new(-r.z, 0.0, r.x),
+        DVec3::new(r.y, -r.x, 0.0),
+    )
+}
+
+/// An orientation in the chart q = q_g exp(r) of a goal at rest.
+#[derive(Debug, Clone, Copy)]
+pub struct Chart {
+    /// r \[rad\].
+    pub rotation: DVec3,
+    /// ṙ \[rad/s\].
+    pub velocity: DVec3,
+    /// ∂r/∂(angular displacement): ṙ = J ω.
+    pub jacobian: DMat3,
+    /// The angular acceleration for r̈ = 0 \[rad/s²\]: r̈ = J (ω̇ − b).
+    pub bias: DVec3,
+}
+
+/// Charts an orientation that turns with `angular` \[rad/s\] by the rotation vector from the
+/// goal, |r| < π.
+#[must_use]
+pub fn orientation_chart(goal: DQuat, orientation: DQuat, angular: DVec3) -> Chart {
+    let rotation = rotation_vector(goal.conjugate() * orientation);
+    let jacobian = inverse_left_jacobian(rotation) * DMat3::from_quat(goal.conjugate());
+    let velocity = jacobian * angular;
+    let path = Quat::exp(Vec3::moving(rotation, velocity, DVec3::ZERO));
+    let bias = Quat::<Jet>::constant(goal).times(path).angular_motion().1;
+    Chart { rotation, velocity, jacobian, bias }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn vector(length_max: f64) -> impl Strategy<Value = DVec3> {
+        let component = -1.0..1.0;
+        (component.clone(), component.clone(), component, 0.0..length_max)
+            .prop_filter_map("a direction", |(x, y, z, length)| {
+                Some(DVec3::new(x, y, z).try_normalize()? * length)
+            })
+    }
+
+    fn orientation() -> impl Strategy<Value = DQuat> {
+        vector(std::f64::consts::PI).prop_map(DQuat::from_scaled_axis)
+    }
+
+    fn dot(a: DQuat, b: DQuat) -> f64 {
+        a.dot(b)
+    }
+
+    /// The tangent vector q v/2 in R⁴ of a rotation vector v in body axes.
+    fn tangent(q: DQuat, v: DVec3) -> DQuat {
+        q * DQuat::from_xyzw(v.x, v.y, v.z, 0.0) * 0.5
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..Default::default() })]
+
+        #[test]
+        fn exponential_and_logarithm_undo_one_another(v in vector(std::f64::consts::PI - 1e-6)) {
+            let q = DQuat::from_scaled_axis(v);
+            prop_assert!((rotation_vector(q) - v).length() < 1e-9);
+            prop_assert!((rotation_vector(-q) - v).length() < 1e-9);
+            let back = DQuat::from_scaled_axis(rotation_vector(-q));
+            prop_assert!((dot(back, q).abs() - 1.0).abs() < 1e-14);
+        }
+
+        #[test]
+        fn transport_keeps_norms_and_angles_and_the_way_itself(
+            u in vector(std::f64::consts::PI), v in vector(2.0), w in vector(2.0),
+        ) {
+            let turn = parallel_transport(u);
+            prop_assert!(((turn * v).dot(turn * w) - v.dot(w)).abs() < 1e-13);
+            prop_assert!((turn * u - u).length() < 1e-13);
+            prop_assert!((parallel_transport(DVec3::ZERO) * v - v).length() == 0.0);
+            prop_assert!((parallel_transport(-u) * (turn * v) - v).length() < 1e-13);
+        }
+
+        /// On the unit sphere in R⁴, from a to b: t ↦ t − (b·t)/(1 + a·b) (a + b).
+        #[test]
+        fn transport_is_that_of_the_great_circle(
+            a in orientation(), u in vector(std::f64::consts::PI), v in vector(2.0),
+        ) {
+            let b = a * DQuat::from_scaled_axis(u);
+            let t = tangent(a, v);
+            let expected = t - (a + b) * (dot(b, t) / (1.0 + dot(a, b)));
+            let error = tangent(b, parallel_transport(u) * v) - expected;
+            prop_assert!(dot(error, error).sqrt() < 1e-13);
+        }
+
+        #[test]
+        fn right_jacobian_is_the_derivative_of_the_exponential(
+            r in vector(3.1), v in vector(1.0),
+        ) {
+            let h = 1e-5;
+            let at = |s: f64| DQuat::from_scaled_axis(r + v * s);
+            let expected = rotation_vector(at(-h).conjugate() * at(h)) / (2.0 * h);
+            prop_assert!((right_jacobian(r) * v - expected).length() < 1e-9);
+            let back = inverse_right_jacobian(r) * (right_jacobian(r) * v);
+            prop_assert!((back - v).length() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn right_jacobian_is_smooth_where_its_series_begins() {
+        let along = |length: f64| right_jacobian(DVec3::new(0.6, 0.0, -0.8) * length);
+        let limit = 1e-3_f64.sqrt();
+        let (below, above) = (along(limit * (1.0 - 1e-9)), along(limit * (1.0 + 1e-9)));
+        assert!((below - above).abs_diff_eq(DMat3::ZERO, 1e-10));
+    }
+}
