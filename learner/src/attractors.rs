@@ -35,8 +35,8 @@ pub fn stray_attractors<const D: usize>(
             let value = field.evaluate(&y, &velocity);
             let Some(factor) = value.metric.cholesky() else { break };
             let acceleration = factor.solve(&value.force(&velocity));
-            let rests =
-                velocity.norm() < REST_SPEED && acceleration.norm() < REST_SPEED * value.damping;
+            let rests = velocity.norm() < REST_SPEED
+                && acceleration.norm() < REST_SPEED * field.damping_1_s();
             if reached || rests {
                 break;
             }

@@ -273,5 +273,5 @@ fn the_field_is_the_one_that_is_stored() {
     assert_eq!(field.goal(), Vector2::new(1.0, 0.0));
     let parts = FieldModel::from_parts(field.components(), stored.background.into(), 8.0);
     assert_eq!(parts, stored);
-    assert_eq!(field.evaluate(&Vector2::zeros(), &Vector2::zeros()).damping, 8.0);
+    assert_eq!(field.damping_1_s(), 8.0);
 }

@@ -71,7 +71,7 @@ pub struct Field<const D: usize> {
     background_density: f64,
     goal: SVector<f64, D>,
     /// d in B = d M \[1/s\].
-    damping: f64,
+    damping_1_s: f64,
 }
 
 /// A field at a point, for a velocity.
@@ -85,15 +85,15 @@ pub struct FieldValue<const D: usize> {
     pub metric: SMatrix<f64, D, D>,
     /// ξ \[N or N m\].
     pub curvature: SVector<f64, D>,
-    /// d in B = d M \[1/s\].
-    pub damping: f64,
+    /// B, symmetric, positive semi-definite \[N s/m or N m s\].
+    pub damping: SMatrix<f64, D, D>,
 }
 
 impl<const D: usize> FieldValue<D> {
-    /// f = −∇Φ − ξ − d M ẏ, the force of the natural form M ÿ = f  [thesis eq. 4.4].
+    /// f = −∇Φ − ξ − B ẏ, the force of the natural form M ÿ = f  [thesis eq. 4.4].
     #[must_use]
     pub fn force(&self, velocity: &SVector<f64, D>) -> SVector<f64, D> {
-        -self.gradient - self.curvature - self.metric * velocity * self.damping
+        -self.gradient - self.curvature - self.damping * velocity
     }
 
     /// V = Φ + ½ ẏᵀMẏ \[J\].
@@ -111,7 +111,7 @@ impl<const D: usize> Field<D> {
     pub fn new(
         components: &[Component<D>],
         background: Background,
-        damping: f64,
+        damping_1_s: f64,
     ) -> Result<Self, FieldError> {
         let count = components.len();
         let last = components.last().ok_or(FieldError::ComponentCount(0))?;
@@ -126,7 +126,7 @@ impl<const D: usize> Field<D> {
             background,
             background_density: background.exponent.exp(),
             goal: last.mean,
-            damping,
+            damping_1_s,
         })
     }
 
@@ -140,6 +140,12 @@ impl<const D: usize> Field<D> {
     #[must_use]
     pub fn goal(&self) -> SVector<f64, D> {
         self.goal
+    }
+
+    /// d in B = d M \[1/s\].
+    #[must_use]
+    pub fn damping_1_s(&self) -> f64 {
+        self.damping_1_s
     }
 
     /// Evaluates the field at y for the velocity ẏ.
@@ -196,7 +202,7 @@ impl<const D: usize> Field<D> {
             gradient: slope_sum * inverse + mean_pull * potential - potential_pull * inverse,
             metric,
             curvature: rate - kinetic * 0.5,
-            damping: self.damping,
+            damping: metric * self.damping_1_s,
         }
     }
 }
