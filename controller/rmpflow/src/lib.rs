@@ -22,6 +22,7 @@
 
 pub mod field;
 pub mod frame_map;
+pub mod gaussian_field;
 pub mod gaussian_product;
 pub mod jet;
 pub mod leaves;
