@@ -27,6 +27,7 @@
 //! It is rheonomic: velocities and accelerations of the frames enter the velocity and the bias.
 
 use glam::{DMat3, DQuat, DVec3};
+use nalgebra::Vector6;
 
 use crate::jet::{Jet, Quat, Real, Vec3};
 use crate::rotation::{inverse_left_jacobian, rotation_vector};
@@ -50,6 +51,8 @@ pub struct Pose {
 impl Pose {
     /// No displacement.
     pub const IDENTITY: Self = Self { position: DVec3::ZERO, orientation: DQuat::IDENTITY };
+    /// No pose at all: equal to none, not even to itself.
+    pub(crate) const UNDEFINED: Self = Self { position: DVec3::NAN, orientation: DQuat::NAN };
 
     /// X_AC = X_AB X_BC.
     #[must_use]
@@ -151,6 +154,15 @@ pub struct Mapped {
     pub angular_bias: DVec3,
     /// Determinant of the map's position part, before [`DETERMINANT_MIN`].
     pub determinant: f64,
+}
+
+impl Mapped {
+    /// b on \[linear; angular\].
+    #[must_use]
+    pub fn bias(&self) -> Vector6<f64> {
+        let (l, a) = (self.linear_bias, self.angular_bias);
+        Vector6::new(l.x, l.y, l.z, a.x, a.y, a.z)
+    }
 }
 
 /// The map of a skill: canonical frames, axis and ramp. Immutable.

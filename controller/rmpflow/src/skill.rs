@@ -2,9 +2,9 @@
 //! to the pose of the tool.
 
 use glam::{DMat3, DVec3};
-use nalgebra::{Matrix3, Matrix6, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 
-use crate::field::Field;
+use crate::field::{Field, FieldValue};
 use crate::frame_map::{Displacement, FrameMap, Mapped, Pose};
 use crate::natural::Natural;
 
@@ -44,49 +44,56 @@ pub struct SkillValue {
     pub natural: Natural<6>,
     /// V = Φ + ½ ẏᵀMẏ \[J\]: never rises while the frames stand still.
     pub energy: f64,
-    /// Determinant of the frame map.
-    pub determinant: f64,
 }
 
-fn to_nalgebra(m: DMat3) -> Matrix3<f64> {
-    Matrix3::from_column_slice(&m.to_cols_array())
-}
-
-fn vector(v: DVec3) -> Vector3<f64> {
-    Vector3::new(v.x, v.y, v.z)
-}
-
-/// A field's value as force and metric in space, and its energy.
-struct Block {
-    force: Vector3<f64>,
-    metric: Matrix3<f64>,
-    energy: f64,
-}
-
-impl Block {
-    fn space(field: &Field<3>, y: DVec3, velocity: DVec3, inertia: f64) -> Self {
-        let velocity = vector(velocity);
-        let value = field.evaluate(&vector(y), &velocity);
-        Self {
-            force: value.force(&velocity) * inertia,
-            metric: value.metric * inertia,
-            energy: value.energy(&velocity) * inertia,
-        }
+impl SkillValue {
+    /// No policy yet.
+    pub(crate) fn zero() -> Self {
+        Self { natural: Natural::zero(), energy: 0.0 }
     }
 
-    fn plane(field: &Field<2>, y: DVec3, velocity: DVec3, inertia: f64) -> Self {
-        let velocity = Vector2::new(velocity.x, velocity.y);
-        let value = field.evaluate(&Vector2::new(y.x, y.y), &velocity);
-        let mut block = Self {
-            force: Vector3::zeros(),
-            metric: Matrix3::zeros(),
-            energy: value.energy(&velocity) * inertia,
-        };
-        let (mut force, metric) = (block.force.fixed_rows_mut::<2>(0), value.metric * inertia);
-        force.copy_from(&(value.force(&velocity) * inertia));
-        block.metric.fixed_view_mut::<2, 2>(0, 0).copy_from(&metric);
-        block
+    /// What comes of frames or parameters with which there is nothing to evaluate: not finite, so
+    /// that [`Natural::resolve`] refuses it.
+    pub(crate) fn undefined() -> Self {
+        let natural =
+            Natural { force: Vector6::repeat(f64::NAN), metric: Matrix6::repeat(f64::NAN) };
+        Self { natural, energy: f64::NAN }
     }
+
+    /// Adds a field on coordinates y of the pose x, with ẏ = J ẋ and ÿ = J (ẍ − b):
+    /// f += s Jᵀ (f_y + M_y J b), M += s JᵀM_yJ, V += s V_y  [thesis eq. 3.2].
+    ///
+    /// * `velocity`  ẏ, K
+    /// * `scale`  s, by which the field's force and metric are multiplied
+    /// * `jacobian`, `bias`  J, K×6 and b, 6 on \[linear; angular\]
+    pub(crate) fn add<const K: usize>(
+        &mut self,
+        field: &FieldValue<K>,
+        velocity: &SVector<f64, K>,
+        scale: f64,
+        jacobian: &SMatrix<f64, K, 6>,
+        bias: &Vector6<f64>,
+    ) {
+        let leaf = Natural { force: field.force(velocity) * scale, metric: field.metric * scale };
+        self.natural.add_pullback(&leaf, jacobian, &-(jacobian * bias));
+        self.energy += field.energy(velocity) * scale;
+    }
+
+    fn add_position<const K: usize>(&mut self, field: &Field<K>, mapped: &Mapped, scale: f64) {
+        let (y, v) = (head(mapped.point.position), head(mapped.velocity.position));
+        let jacobian = rows(mapped.position_jacobian, DMat3::ZERO);
+        self.add(&field.evaluate(&y, &v), &v, scale, &jacobian, &mapped.bias());
+    }
+}
+
+/// The first K components.
+fn head<const K: usize>(v: DVec3) -> SVector<f64, K> {
+    SVector::from_fn(|i, _| v[i])
+}
+
+/// The first K rows of \[linear angular\].
+fn rows<const K: usize>(linear: DMat3, angular: DMat3) -> SMatrix<f64, K, 6> {
+    SMatrix::from_fn(|i, j| if j < 3 { linear.col(j)[i] } else { angular.col(j - 3)[i] })
 }
 
 impl Skill {
@@ -108,54 +115,19 @@ impl Skill {
         phase: &mut f64,
     ) -> SkillValue {
         let mapped = self.map.map(displacement, pose, linear, angular, phase);
-        let (y, v) = (mapped.point, mapped.velocity);
-        let position = match &self.position {
-            PositionField::Plane(field) => {
-                Block::plane(field, y.position, v.position, inertia.linear_kg)
-            }
-            PositionField::Space(field) => {
-                Block::space(field, y.position, v.position, inertia.linear_kg)
-            }
-        };
-        let orientation = self
-            .orientation
-            .as_ref()
-            .map(|field| Block::space(field, y.rotation, v.rotation, inertia.angular_kg_m2));
-        SkillValue {
-            natural: pull_to_pose(&mapped, &position, orientation.as_ref()),
-            energy: position.energy + orientation.map_or(0.0, |o| o.energy),
-            determinant: mapped.determinant,
+        let mut value = SkillValue::zero();
+        match &self.position {
+            PositionField::Plane(field) => value.add_position(field, &mapped, inertia.linear_kg),
+            PositionField::Space(field) => value.add_position(field, &mapped, inertia.linear_kg),
         }
+        if let Some(field) = &self.orientation {
+            let (y, v) = (head(mapped.point.rotation), head(mapped.velocity.rotation));
+            let jacobian = rows(mapped.cross_jacobian, mapped.rotation_jacobian);
+            let scale = inertia.angular_kg_m2;
+            value.add(&field.evaluate(&y, &v), &v, scale, &jacobian, &mapped.bias());
+        }
+        value
     }
-}
-
-/// f_x = Jᵀ (f_y + M_y J b), M_x = JᵀM_yJ with J = [A 0; C E], since ÿ = J (ẍ − b).
-fn pull_to_pose(mapped: &Mapped, position: &Block, orientation: Option<&Block>) -> Natural<6> {
-    let a = to_nalgebra(mapped.position_jacobian);
-    let (linear_bias, angular_bias) = (vector(mapped.linear_bias), vector(mapped.angular_bias));
-    let bias_position = a * linear_bias;
-    let force = position.force + position.metric * bias_position;
-    let weighted = position.metric * a;
-    let mut f = Vector6::zeros();
-    let mut m = Matrix6::zeros();
-    let mut linear_force = a.tr_mul(&force);
-    let mut linear_metric = a.tr_mul(&weighted);
-    if let Some(block) = orientation {
-        let c = to_nalgebra(mapped.cross_jacobian);
-        let e = to_nalgebra(mapped.rotation_jacobian);
-        let force = block.force + block.metric * (c * linear_bias + e * angular_bias);
-        let (mc, me) = (block.metric * c, block.metric * e);
-        linear_force += c.tr_mul(&force);
-        linear_metric += c.tr_mul(&mc);
-        let cross = c.tr_mul(&me);
-        f.fixed_rows_mut::<3>(3).copy_from(&e.tr_mul(&force));
-        m.fixed_view_mut::<3, 3>(3, 3).copy_from(&e.tr_mul(&me));
-        m.fixed_view_mut::<3, 3>(0, 3).copy_from(&cross);
-        m.fixed_view_mut::<3, 3>(3, 0).copy_from(&cross.transpose());
-    }
-    f.fixed_rows_mut::<3>(0).copy_from(&linear_force);
-    m.fixed_view_mut::<3, 3>(0, 0).copy_from(&linear_metric);
-    Natural { force: f, metric: m }
 }
 
 #[cfg(test)]
@@ -164,7 +136,7 @@ mod tests {
     use crate::field::{Background, Component};
     use crate::frame_map::{CanonicalFrames, FrameMotion};
     use glam::DQuat;
-    use nalgebra::Matrix2;
+    use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
     fn attractor(goal: Vector3<f64>, stiffness: f64) -> Field<3> {
         let component = |mean: Vector3<f64>, potential: f64| Component {
@@ -197,7 +169,7 @@ mod tests {
         .unwrap();
         Skill {
             map,
-            position: PositionField::Space(Box::new(attractor(vector(goal.position), 16.0))),
+            position: PositionField::Space(Box::new(attractor(head(goal.position), 16.0))),
             orientation: Some(Box::new(attractor(Vector3::zeros(), 12.0))),
         }
     }
