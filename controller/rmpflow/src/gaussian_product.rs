@@ -57,7 +57,8 @@ impl<const D: usize> PoseGaussian<D> {
     /// In the plane the frame's z axis has to be upright, up or down.
     #[must_use]
     pub fn transformed(&self, frame: &Pose) -> Self {
-        let turn = block_diagonal(DMat3::from_quat(frame.orientation), DMat3::IDENTITY);
+        let turn: SMatrix<f64, D, D> =
+            block_diagonal(DMat3::from_quat(frame.orientation), DMat3::IDENTITY);
         Self {
             mean: frame.compose(&self.mean),
             precision: turn * self.precision * turn.transpose(),
@@ -128,12 +129,12 @@ fn strongest<const D: usize>(factors: &[PoseGaussian<D>]) -> Option<&PoseGaussia
     best.map(|(_, factor)| factor)
 }
 
-/// diag(A, B) on position and rotation vector, cut to the first D rows and columns.
-pub(crate) fn block_diagonal<const D: usize>(
+/// diag(A, B) on position and rotation vector, cut to the first R rows and C columns.
+pub(crate) fn block_diagonal<const R: usize, const C: usize>(
     position: DMat3,
     rotation: DMat3,
-) -> SMatrix<f64, D, D> {
-    const { assert!(D == 2 || D == 3 || D == 6, "R², R³ or R³ × S³") };
+) -> SMatrix<f64, R, C> {
+    const { assert!(R <= 6 && C <= 6, "two blocks of three") };
     SMatrix::from_fn(|i, j| match (i / 3, j / 3) {
         (0, 0) => position.col(j)[i],
         (1, 1) => rotation.col(j - 3)[i - 3],
@@ -360,7 +361,7 @@ mod tests {
             let mut pull = SVector::<f64, 6>::zeros();
             for f in &factors {
                 let away = rotation_vector(f.mean.orientation.conjugate() * found.mean.orientation);
-                let turn = block_diagonal(
+                let turn: SMatrix<f64, 6, 6> = block_diagonal(
                     DMat3::IDENTITY,
                     DMat3::from_quat(DQuat::from_scaled_axis(away * -0.5)),
                 );

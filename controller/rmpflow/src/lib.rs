@@ -1,9 +1,10 @@
 //! Riemannian motion policies: learned fields, task maps, leaves and the natural form that composes
 //! them, evaluated without allocation.
 //!
-//! Start with [`skill`]: a learned skill is a [`field`] on canonical coordinates behind a
-//! [`frame_map`]. [`leaves`] holds the hand-made policies, [`natural`] pulls all of them back to
-//! the joints and resolves them.
+//! Start with [`policy`]: a learned skill is either a [`field`] on canonical coordinates behind a
+//! [`frame_map`] ([`skill`]), or the thesis' policy, a [`gaussian_field`] on products of Gaussians
+//! seen from the frames ([`product_skill`], [`gaussian_product`]). [`leaves`] holds the hand-made
+//! policies, [`natural`] pulls all of them back to the joints and resolves them.
 //!
 //! ```
 //! use nalgebra::{Matrix1x2, Matrix2, Vector1, Vector2};
@@ -27,5 +28,7 @@ pub mod gaussian_product;
 pub mod jet;
 pub mod leaves;
 pub mod natural;
+pub mod policy;
+pub mod product_skill;
 pub mod rotation;
 pub mod skill;

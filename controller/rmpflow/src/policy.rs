@@ -1,0 +1,205 @@
+//! A learned policy of either kind, and the workspace that serves them all.
+
+use glam::DVec3;
+
+use crate::frame_map::{FrameMotion, Pose};
+use crate::product_skill::{ProductSkill, ProductState};
+use crate::skill::{Skill, SkillInertia, SkillValue};
+
+/// A learned policy: immutable.
+#[derive(Debug, Clone)]
+pub enum Policy {
+    /// Fields in canonical coordinates behind a frame map; its frames are start and goal.
+    Canonical(Skill),
+    /// Products of Gaussians in the plane.
+    Plane(ProductSkill<2>),
+    /// Products of Gaussians in space.
+    Space(ProductSkill<3>),
+    /// Products of Gaussians on poses.
+    Pose(ProductSkill<6>),
+}
+
+/// What a policy needs between calls. It serves a policy of any kind, and belongs to one policy.
+#[derive(Debug, Clone, Default)]
+pub struct PolicyState {
+    /// Phase of the last call of a canonical skill.
+    phase: f64,
+    plane: ProductState<2>,
+    space: ProductState<3>,
+    pose: ProductState<6>,
+}
+
+impl Policy {
+    /// How many frames it needs.
+    #[must_use]
+    pub fn frame_count(&self) -> usize {
+        match self {
+            Self::Canonical(_) => 2,
+            Self::Plane(skill) => skill.frame_count(),
+            Self::Space(skill) => skill.frame_count(),
+            Self::Pose(skill) => skill.frame_count(),
+        }
+    }
+
+    /// Whether it leads the orientation too.
+    #[must_use]
+    pub fn turns(&self) -> bool {
+        match self {
+            Self::Canonical(skill) => skill.orientation.is_some(),
+            Self::Plane(_) | Self::Space(_) => false,
+            Self::Pose(_) => true,
+        }
+    }
+
+    /// Evaluates the policy for a moving pose  [thesis algorithm 4.1].
+    ///
+    /// * `frames`  in the order of the policy's frames, at least [`Policy::frame_count`] of them
+    /// * `linear`, `angular`  velocity of the pose in the world \[m/s, rad/s\]
+    /// * `state`  of the last call
+    ///
+    /// Hot path: no allocation. Input that is not finite, or fewer frames than the policy has, gives
+    /// output that is not finite, which [`resolve`](crate::natural::Natural::resolve) refuses.
+    #[must_use]
+    pub fn evaluate(
+        &self,
+        inertia: &SkillInertia,
+        frames: &[FrameMotion],
+        pose: &Pose,
+        linear: DVec3,
+        angular: DVec3,
+        state: &mut PolicyState,
+    ) -> SkillValue {
+        match self {
+            Self::Canonical(skill) => {
+                let [start, goal_frame, ..] = frames else {
+                    return SkillValue::undefined();
+                };
+                let displacement = skill.map.displace(start, goal_frame);
+                let phase = &mut state.phase;
+                skill.evaluate(inertia, &displacement, pose, linear, angular, phase)
+            }
+            Self::Plane(skill) => {
+                skill.evaluate(inertia, frames, pose, linear, angular, &mut state.plane)
+            }
+            Self::Space(skill) => {
+                skill.evaluate(inertia, frames, pose, linear, angular, &mut state.space)
+            }
+            Self::Pose(skill) => {
+                skill.evaluate(inertia, frames, pose, linear, angular, &mut state.pose)
+            }
+        }
+    }
+
+    /// The goal for these frames, in the world; not finite for fewer frames than the policy has.
+    ///
+    /// Hot path: no allocation; after [`Policy::evaluate`] with the same frames it costs nothing.
+    #[must_use]
+    pub fn goal(&self, frames: &[FrameMotion], state: &mut PolicyState) -> Pose {
+        match self {
+            Self::Canonical(skill) => {
+                let [_, goal_frame, ..] = frames else {
+                    return Pose::UNDEFINED;
+                };
+                let canonical = skill.map.canonical();
+                let grasp = canonical.goal_frame.inverse().compose(&canonical.goal);
+                goal_frame.pose.compose(&grasp)
+            }
+            Self::Plane(skill) => {
+                skill.update(frames, &mut state.plane);
+                state.plane.goal()
+            }
+            Self::Space(skill) => {
+                skill.update(frames, &mut state.space);
+                state.space.goal()
+            }
+            Self::Pose(skill) => {
+                skill.update(frames, &mut state.pose);
+                state.pose.goal()
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::{Background, Component, Field};
+    use crate::frame_map::{CanonicalFrames, FrameMap};
+    use crate::gaussian_product::PoseGaussian;
+    use crate::product_skill::ProductComponent;
+    use crate::skill::PositionField;
+    use glam::DQuat;
+    use nalgebra::{Matrix3, SMatrix, Vector3};
+
+    const INERTIA: SkillInertia = SkillInertia { linear_kg: 2.0, angular_kg_m2: 0.1 };
+
+    fn pose(position: [f64; 3], yaw: f64) -> Pose {
+        Pose { position: position.into(), orientation: DQuat::from_rotation_z(yaw) }
+    }
+
+    fn canonical() -> Policy {
+        let goal = pose([0.5, -0.25, 0.06], 0.4);
+        let frames = CanonicalFrames {
+            positions_turn: true,
+            start: pose([0.4, 0.1, 0.3], 0.1),
+            goal_frame: pose([0.5, -0.25, 0.03], 0.3),
+            goal,
+        };
+        let component = Component {
+            mean: Vector3::from(goal.position.to_array()),
+            precision: Matrix3::identity() * 20.0,
+            metric: Matrix3::identity(),
+            potential: 0.0,
+            gradient: Vector3::zeros(),
+            hessian: Matrix3::identity() * 16.0,
+        };
+        let background =
+            Background { exponent: -10.0, metric: 1.0, offset: 0.0, slope: 20.0, softening: 0.05 };
+        let field = Field::new(&[component], background, 8.0).unwrap();
+        Policy::Canonical(Skill {
+            map: FrameMap::new(frames).unwrap(),
+            position: PositionField::Space(Box::new(field)),
+            orientation: None,
+        })
+    }
+
+    fn products<const D: usize>() -> ProductSkill<D> {
+        let gaussian = PoseGaussian {
+            mean: pose([0.1, 0.2, 0.3], 0.2),
+            precision: SMatrix::identity() * 50.0,
+        };
+        let component =
+            ProductComponent { gaussians: Box::new([gaussian; 2]), potential: 0.0, damping: 20.0 };
+        ProductSkill::new(Box::new([component]), 0.1, 1.0).unwrap()
+    }
+
+    #[test]
+    fn one_state_serves_every_kind_and_the_goal_is_where_the_policy_rests() {
+        let policies = [
+            canonical(),
+            Policy::Plane(products()),
+            Policy::Space(products()),
+            Policy::Pose(products()),
+        ];
+        let frames =
+            [pose([0.35, 0.1, 0.3], 0.2), pose([0.55, -0.2, 0.03], 0.5)].map(FrameMotion::at_rest);
+        let mut state = PolicyState::default();
+        for policy in policies {
+            let goal = policy.goal(&frames, &mut state);
+            let evaluate = |frames: &[FrameMotion], pose: &Pose, state: &mut PolicyState| {
+                policy.evaluate(&INERTIA, frames, pose, DVec3::ZERO, DVec3::ZERO, state)
+            };
+            let at_goal = evaluate(&frames, &goal, &mut state);
+            assert!(at_goal.natural.force.norm() < 1e-9 && at_goal.energy.abs() < 1e-9);
+            let beside = Pose { position: goal.position + DVec3::X * 0.1, ..goal };
+            assert!(evaluate(&frames, &beside, &mut state).natural.force[0] < -0.1);
+            let inertia = at_goal.natural.metric;
+            assert_eq!(inertia[(5, 5)] > 0.0, policy.turns());
+            // The frame map stretches the space of the canonical skill.
+            assert!((inertia[(0, 0)] / INERTIA.linear_kg - 1.0).abs() < 0.3);
+            let too_few = &frames[..policy.frame_count() - 1];
+            assert!(evaluate(too_few, &goal, &mut state).natural.resolve().is_err());
+            assert!(!policy.goal(too_few, &mut state).position.is_finite());
+        }
+    }
+}
