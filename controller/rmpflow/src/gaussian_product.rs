@@ -22,8 +22,8 @@ use crate::rotation::{parallel_transport, rotation_vector};
 /// Bound on the Gauss–Newton iterations of a product; factors within 1 rad of one another take
 /// some six.
 const ITERATIONS_MAX: usize = 50;
-/// The iterations stop at this change of the mean's orientation \[rad\].
-const ROTATION_TOLERANCE: f64 = 1e-13;
+/// The iterations stop at this change of the mean's orientation \[rad\]; what is left is less.
+const ROTATION_TOLERANCE: f64 = 1e-11;
 /// A factor is stronger than another when its precision's determinant is larger by more than this:
 /// rounding does not decide.
 const STRONGER: f64 = 1e-6;
@@ -57,11 +57,10 @@ impl<const D: usize> PoseGaussian<D> {
     /// In the plane the frame's z axis has to be upright, up or down.
     #[must_use]
     pub fn transformed(&self, frame: &Pose) -> Self {
-        let turn: SMatrix<f64, D, D> =
-            block_diagonal(DMat3::from_quat(frame.orientation), DMat3::IDENTITY);
+        let rotation = DMat3::from_quat(frame.orientation);
         Self {
             mean: frame.compose(&self.mean),
-            precision: turn * self.precision * turn.transpose(),
+            precision: turned(&self.precision, rotation, DMat3::IDENTITY),
         }
     }
 }
@@ -97,9 +96,8 @@ pub fn product<const D: usize>(factors: &[PoseGaussian<D>]) -> Option<PoseGaussi
             } else {
                 DVec3::ZERO
             };
-            let turn =
-                block_diagonal(DMat3::IDENTITY, DMat3::from_quat(parallel_transport(-rotation)));
-            let transported = turn * factor.precision * turn.transpose();
+            let transport = DMat3::from_quat(parallel_transport(-rotation));
+            let transported = turned(&factor.precision, DMat3::IDENTITY, transport);
             precision += transported;
             pull += transported * tangent(offset, rotation);
         }
@@ -127,6 +125,31 @@ fn strongest<const D: usize>(factors: &[PoseGaussian<D>]) -> Option<&PoseGaussia
         }
     }
     best.map(|(_, factor)| factor)
+}
+
+/// T Λ Tᵀ with T = diag(A, B) on position and rotation vector, cut to the first D rows and columns;
+/// block by block, since most of T is zero.
+fn turned<const D: usize>(
+    matrix: &SMatrix<f64, D, D>,
+    position: DMat3,
+    rotation: DMat3,
+) -> SMatrix<f64, D, D> {
+    let block = |row: usize, column: usize| {
+        let entry = |n: usize| matrix.get((row + n % 3, column + n / 3)).copied().unwrap_or(0.0);
+        DMat3::from_cols_array(&core::array::from_fn(entry))
+    };
+    let linear = position * block(0, 0) * position.transpose();
+    if D <= 3 {
+        return block_diagonal(linear, DMat3::ZERO);
+    }
+    let cross = position * block(0, 3) * rotation.transpose();
+    let angular = rotation * block(3, 3) * rotation.transpose();
+    SMatrix::from_fn(|i, j| match (i / 3, j / 3) {
+        (0, 0) => linear.col(j)[i],
+        (0, _) => cross.col(j - 3)[i],
+        (_, 0) => cross.col(i - 3)[j],
+        (_, _) => angular.col(j - 3)[i - 3],
+    })
 }
 
 /// diag(A, B) on position and rotation vector, cut to the first R rows and C columns.
