@@ -21,7 +21,7 @@ fn policy<const N: usize>(controller: &str, model: &str) -> Policy<N> {
     let config = root.join("config/controllers").join(controller);
     let model = root.join("target/bench").join(model);
     assert!(model.exists(), "{} is missing: run `make bench`", model.display());
-    let loaded = startup::load(&config, &model).expect("the shipped files are valid");
+    let loaded = startup::load(&config, &model, false).expect("the shipped files are valid");
     let (chain, points) = startup::robot::<N>(&config, &loaded.config).expect("a valid robot");
     Policy::new(chain, loaded.skill, &points, &loaded.config)
 }
@@ -48,8 +48,7 @@ fn tick<const N: usize>(
     obstacles: &[Obstacle],
 ) {
     let qd = SVector::<f64, N>::repeat(0.1);
-    let [start, goal_frame] = frames;
-    let parameters = TaskParameters { start, goal_frame, obstacles };
+    let parameters = TaskParameters { frames: &frames, goal_frame: 1, obstacles };
     let mut workspace = Workspace::new();
     criterion.bench_function(name, |b| {
         b.iter(|| {

@@ -19,18 +19,27 @@ pub fn check(config_path: &Path, model_path: Option<&Path>) -> Result<(), StartE
     line("ok", "configuration", &config_path.display().to_string());
     startup::with_robot(config_path, &config, Describe { config_path, config: &config })?;
     if let Some(path) = model_path {
-        let loaded = startup::load(config_path, path)?;
+        let loaded = startup::load(config_path, path, true)?;
         let model = &loaded.model;
         let text = format!(
-            "{}: skill `{}` on {} from `{}` to `{}`, {} components",
+            "{}: skill `{}` on {} from `{}` to `{}`, {} Gaussians",
             path.display(),
             model.skill,
             model.manifold,
             model.start_frame,
             model.goal_frame,
-            model.position.components.len(),
+            model.gaussians.len(),
         );
         line("ok", "model", &text);
+        let certificate = &model.certificate;
+        match certificate.failures.first() {
+            None => line("ok", "certificate", "holds"),
+            Some(failure) => line(
+                "lack",
+                "certificate",
+                &format!("{failure}: it is run with --allow-uncertified only"),
+            ),
+        }
     }
     check_machine(&config);
     Ok(())

@@ -383,8 +383,8 @@ impl<const N: usize> Cycle<N> {
         let gripper = self.state.as_ref().map_or(0, |s| s.gripper_state);
         let gripper = GripperState::from_wire(gripper).ok_or(Reason::GripperUnknown)?;
         let parameters = TaskParameters {
-            start: *self.scene.start(),
-            goal_frame: *self.scene.goal(),
+            frames: self.scene.frames(),
+            goal_frame: self.scene.goal_frame(),
             obstacles: self.scene.obstacles(),
         };
         let decision = self

@@ -8,6 +8,7 @@ use tprmp_messages::{
 use tprmp_model::controller_config::FrameObserver;
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::leaves::{Obstacle, z_axis};
+use tprmp_rmpflow::product_skill::FRAME_CAPACITY;
 use tprmp_robot::Chain;
 
 /// How far a quaternion's length may be from one.
@@ -77,44 +78,44 @@ pub fn within_position_limits<const N: usize>(state: &JointState<N>, chain: &Cha
 /// The frames a skill needs and the obstacles, checked, in fixed storage.
 #[derive(Debug)]
 pub struct Scene {
-    start: ObservedFrame,
-    goal: ObservedFrame,
+    names: Vec<[u8; NAME_CAPACITY]>,
+    /// In the order of the names.
+    frames: Vec<FrameMotion>,
+    goal_frame: usize,
     obstacles: [Obstacle; OBSTACLE_CAPACITY],
     obstacle_count: usize,
     time_ns: Option<u64>,
 }
 
-#[derive(Debug)]
-struct ObservedFrame {
-    name: [u8; NAME_CAPACITY],
-    motion: FrameMotion,
-}
-
 impl Scene {
-    /// A scene of these two frames, not yet seen.
+    /// A scene of these frames, not yet seen; `goal_frame` tells which of them the goal is fixed to.
+    ///
+    /// # Panics
+    /// When there are more than [`FRAME_CAPACITY`] frames, or the goal's is none of them.
     #[must_use]
-    pub fn new(start: [u8; NAME_CAPACITY], goal: [u8; NAME_CAPACITY]) -> Self {
-        let unseen = |name| ObservedFrame { name, motion: FrameMotion::at_rest(Pose::IDENTITY) };
+    pub fn new(names: Vec<[u8; NAME_CAPACITY]>, goal_frame: usize) -> Self {
+        assert!(names.len() <= FRAME_CAPACITY && goal_frame < names.len(), "frames of a model");
         let nothing = Obstacle::Sphere { center: DVec3::NAN, radius: 0.0, velocity: DVec3::ZERO };
         Self {
-            start: unseen(start),
-            goal: unseen(goal),
+            frames: vec![FrameMotion::at_rest(Pose::IDENTITY); names.len()],
+            names,
+            goal_frame,
             obstacles: [nothing; OBSTACLE_CAPACITY],
             obstacle_count: 0,
             time_ns: None,
         }
     }
 
-    /// The skill's start frame.
+    /// The skill's frames, in its order.
     #[must_use]
-    pub fn start(&self) -> &FrameMotion {
-        &self.start.motion
+    pub fn frames(&self) -> &[FrameMotion] {
+        &self.frames
     }
 
-    /// The skill's goal frame.
+    /// Which of them the goal is fixed to.
     #[must_use]
-    pub fn goal(&self) -> &FrameMotion {
-        &self.goal.motion
+    pub fn goal_frame(&self) -> usize {
+        self.goal_frame
     }
 
     /// The obstacles.
@@ -134,7 +135,10 @@ impl Scene {
             let frame = frames.iter().find(|f| f.name == *name && f.valid == 1);
             frame.ok_or(Reason::FrameMissing).and_then(check_frame)
         };
-        let (start, goal) = (find(&self.start.name)?, find(&self.goal.name)?);
+        let mut seen = [FrameMotion::at_rest(Pose::IDENTITY); FRAME_CAPACITY];
+        for (frame, name) in seen.iter_mut().zip(&self.names) {
+            *frame = find(name)?;
+        }
         let given = message
             .obstacles
             .get(..message.obstacle_count as usize)
@@ -146,8 +150,9 @@ impl Scene {
             count += 1;
         }
         let elapsed_s = self.time_ns.map(|last| message.time_ns.saturating_sub(last) as f64 * 1e-9);
-        self.start.observe(&start, elapsed_s, observer);
-        self.goal.observe(&goal, elapsed_s, observer);
+        for (frame, now) in self.frames.iter_mut().zip(&seen) {
+            *frame = observed(frame, now, elapsed_s, observer);
+        }
         self.obstacles = obstacles;
         self.obstacle_count = count;
         self.time_ns = Some(message.time_ns);
@@ -155,32 +160,34 @@ impl Scene {
     }
 }
 
-impl ObservedFrame {
-    /// Filters the derivative of the velocity into an acceleration of limited size.
-    fn observe(&mut self, now: &FrameMotion, elapsed_s: Option<f64>, observer: &FrameObserver) {
-        let (mut linear, mut angular) = (DVec3::ZERO, DVec3::ZERO);
-        if let Some(elapsed_s) = elapsed_s {
-            let last = &self.motion;
-            linear = last.linear_acceleration;
-            angular = last.angular_acceleration;
-            if elapsed_s > 0.0 {
-                let share = elapsed_s / (elapsed_s + observer.time_constant_s);
-                let rate = (now.linear_velocity - last.linear_velocity) / elapsed_s;
-                linear += (rate - linear) * share;
-                let rate = (now.angular_velocity - last.angular_velocity) / elapsed_s;
-                angular += (rate - angular) * share;
-            }
+/// The frame as it is now, with an acceleration of limited size: the filtered derivative of its
+/// velocity.
+fn observed(
+    last: &FrameMotion,
+    now: &FrameMotion,
+    elapsed_s: Option<f64>,
+    observer: &FrameObserver,
+) -> FrameMotion {
+    let (mut linear, mut angular) = (DVec3::ZERO, DVec3::ZERO);
+    if let Some(elapsed_s) = elapsed_s {
+        linear = last.linear_acceleration;
+        angular = last.angular_acceleration;
+        if elapsed_s > 0.0 {
+            let share = elapsed_s / (elapsed_s + observer.time_constant_s);
+            let rate = (now.linear_velocity - last.linear_velocity) / elapsed_s;
+            linear += (rate - linear) * share;
+            let rate = (now.angular_velocity - last.angular_velocity) / elapsed_s;
+            angular += (rate - angular) * share;
         }
-        // Velocities at the edge of what a number holds must not stay in the filter.
-        if !(linear.is_finite() && angular.is_finite()) {
-            (linear, angular) = (DVec3::ZERO, DVec3::ZERO);
-        }
-        self.motion = FrameMotion {
-            linear_acceleration: linear.clamp_length_max(observer.linear_acceleration_max_m_s2),
-            angular_acceleration: angular
-                .clamp_length_max(observer.angular_acceleration_max_rad_s2),
-            ..*now
-        };
+    }
+    // Velocities at the edge of what a number holds must not stay in the filter.
+    if !(linear.is_finite() && angular.is_finite()) {
+        (linear, angular) = (DVec3::ZERO, DVec3::ZERO);
+    }
+    FrameMotion {
+        linear_acceleration: linear.clamp_length_max(observer.linear_acceleration_max_m_s2),
+        angular_acceleration: angular.clamp_length_max(observer.angular_acceleration_max_rad_s2),
+        ..*now
     }
 }
 
@@ -260,7 +267,7 @@ mod tests {
     }
 
     fn scene() -> Scene {
-        Scene::new(name_bytes("start").unwrap(), name_bytes("end").unwrap())
+        Scene::new(["start", "end"].map(|name| name_bytes(name).unwrap()).to_vec(), 1)
     }
 
     #[test]
@@ -287,7 +294,7 @@ mod tests {
             bad.frames[0].position[0] = 9.0;
             edit(&mut bad);
             assert_eq!(scene.update(&bad, &OBSERVER), Err(reason), "case {i}");
-            assert_eq!(scene.start().pose.position.x, 0.0, "case {i}");
+            assert_eq!(scene.frames()[0].pose.position.x, 0.0, "case {i}");
             assert_eq!(scene.obstacles().len(), 1, "case {i}");
         }
     }
@@ -305,13 +312,13 @@ mod tests {
             scene.update(&message, &OBSERVER).unwrap();
             if step > 100 {
                 let exact = DVec3::new(-c, -s, 0.0) * (radius * omega * omega);
-                let error = (scene.goal().linear_acceleration - exact).length();
+                let error = (scene.frames()[1].linear_acceleration - exact).length();
                 assert!(error < 0.03 * exact.length(), "{error}");
             }
         }
         message.time_ns += 2_000_000;
         message.frames[1].linear_velocity = [1e6, 0.0, 0.0];
         scene.update(&message, &OBSERVER).unwrap();
-        assert!(scene.goal().linear_acceleration.length() < 30.0 + 1e-9);
+        assert!(scene.frames()[1].linear_acceleration.length() < 30.0 + 1e-9);
     }
 }

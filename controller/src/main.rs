@@ -52,6 +52,9 @@ enum Command {
         /// Leave once the task has been done for a second.
         #[arg(long)]
         until_done: bool,
+        /// Run a model that failed its certificate.
+        #[arg(long)]
+        allow_uncertified: bool,
     },
     /// Check configuration, robot and model, and what this machine lacks for real time.
     Check {
@@ -67,9 +70,17 @@ enum Command {
 
 fn main() -> ExitCode {
     let result = match Arguments::parse().command {
-        Command::Run { config, model, instance, summary, lockstep, until_done } => {
-            run(&config, &model, &instance, summary.as_deref(), lockstep, until_done)
-        }
+        Command::Run {
+            config,
+            model,
+            instance,
+            summary,
+            lockstep,
+            until_done,
+            allow_uncertified,
+        } => startup::load(&config, &model, allow_uncertified).and_then(|loaded| {
+            run(&config, loaded, &instance, summary.as_deref(), lockstep, until_done)
+        }),
         Command::Check { config, model } => check::check(&config, model.as_deref()),
         Command::Layout => {
             print_layout();
@@ -96,14 +107,13 @@ struct Run<'a> {
 
 fn run(
     config_path: &Path,
-    model: &Path,
+    loaded: startup::Loaded,
     instance: &str,
     summary: Option<&Path>,
     lockstep: bool,
     until_done: bool,
 ) -> Result<(), StartError> {
     let instance = Instance::new(instance)?;
-    let loaded = startup::load(config_path, model)?;
     let config = loaded.config.clone();
     let pace = if lockstep { Pace::Lockstep } else { Pace::RealTime(config.cycle.trigger) };
     startup::with_robot(

@@ -8,7 +8,8 @@ use tprmp_rmpflow::leaves::{
     ApproachFunnel, Clearance, CollisionAvoidance, JointDamping, Obstacle, PoseAttractor,
 };
 use tprmp_rmpflow::natural::{Natural, ResolveError};
-use tprmp_rmpflow::skill::{Skill, SkillInertia};
+use tprmp_rmpflow::policy::{Policy as SkillPolicy, PolicyState};
+use tprmp_rmpflow::skill::SkillInertia;
 use tprmp_robot::{
     Chain, ControlPoint, ControlPoints, Kinematics, forward_kinematics_with_velocity,
     point_kinematics,
@@ -18,9 +19,7 @@ use tprmp_robot::{
 #[derive(Debug)]
 pub struct Policy<const N: usize> {
     chain: Chain<N>,
-    skill: Skill,
-    /// The goal relative to the goal frame.
-    grasp: Pose,
+    skill: SkillPolicy,
     inertia: SkillInertia,
     joint_damping: JointDamping,
     collision: Option<CollisionNode>,
@@ -48,7 +47,7 @@ struct AvoidingPoint {
 pub struct Workspace<const N: usize> {
     /// Kinematics of the last evaluation.
     pub kinematics: Kinematics<N>,
-    phase: f64,
+    skill: PolicyState,
 }
 
 /// What the tool should do.
@@ -63,10 +62,10 @@ pub enum Task {
 /// The task parameters of a tick.
 #[derive(Debug, Clone, Copy)]
 pub struct TaskParameters<'a> {
-    /// The skill's start frame.
-    pub start: FrameMotion,
-    /// The skill's goal frame.
-    pub goal_frame: FrameMotion,
+    /// The skill's frames, in its order.
+    pub frames: &'a [FrameMotion],
+    /// Which of them the goal is fixed to.
+    pub goal_frame: usize,
     /// What to keep away from.
     pub obstacles: &'a [Obstacle],
 }
@@ -88,7 +87,7 @@ impl<const N: usize> Workspace<N> {
     /// A fresh workspace.
     #[must_use]
     pub fn new() -> Self {
-        Self { kinematics: Kinematics::new(), phase: 0.0 }
+        Self { kinematics: Kinematics::new(), skill: PolicyState::default() }
     }
 }
 
@@ -103,7 +102,7 @@ impl<const N: usize> Policy<N> {
     #[must_use]
     pub fn new(
         chain: Chain<N>,
-        skill: Skill,
+        skill: SkillPolicy,
         control_points: &ControlPoints,
         config: &ControllerConfig,
     ) -> Self {
@@ -126,12 +125,9 @@ impl<const N: usize> Policy<N> {
                 })
                 .collect(),
         });
-        let canonical = skill.map.canonical();
-        let grasp = canonical.goal_frame.inverse().compose(&canonical.goal);
         Self {
             chain,
             skill,
-            grasp,
             inertia: config.skill.inertia(),
             joint_damping: config.joint_damping.leaf(),
             collision,
@@ -149,7 +145,7 @@ impl<const N: usize> Policy<N> {
     /// Whether the skill leads the orientation too.
     #[must_use]
     pub fn turns(&self) -> bool {
-        self.skill.orientation.is_some()
+        self.skill.turns()
     }
 
     /// Evaluates the tree  [thesis algorithm 4.1]: pushforward, leaves, pullback, resolve.
@@ -176,24 +172,19 @@ impl<const N: usize> Policy<N> {
         let linear = DVec3::new(twist[0], twist[1], twist[2]);
         let angular = DVec3::new(twist[3], twist[4], twist[5]);
 
-        let displacement = self.skill.map.displace(&parameters.start, &parameters.goal_frame);
-        let value = self.skill.evaluate(
-            &self.inertia,
-            &displacement,
-            &tool,
-            linear,
-            angular,
-            &mut workspace.phase,
-        );
+        let state = &mut workspace.skill;
+        let frames = parameters.frames;
+        let value = self.skill.evaluate(&self.inertia, frames, &tool, linear, angular, state);
+        let goal = self.skill.goal(frames, state);
         let mut root: Natural<N> = self.joint_damping.evaluate(qd);
         let leaf = match (task, &self.lift) {
             (Task::Reach(goal), Some(lift)) => lift.evaluate(&tool, linear, angular, goal),
             _ => value.natural,
         };
         root.add_pullback(&leaf, &kinematics.tool_jacobian, &kinematics.tool_jd_qd);
-        let goal = parameters.goal_frame.pose.compose(&self.grasp);
-        if let (Task::Skill, Some(funnel)) = (task, &self.approach) {
-            let frame = &parameters.goal_frame;
+        if let (Task::Skill, Some(funnel), Some(frame)) =
+            (task, &self.approach, frames.get(parameters.goal_frame))
+        {
             let clearance = funnel.clearance(tool.position, linear, goal.position, frame);
             let jacobian = kinematics.tool_jacobian.fixed_rows::<3>(0).into_owned();
             let drift = kinematics.tool_jd_qd.fixed_rows::<3>(0).into_owned();

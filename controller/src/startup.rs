@@ -6,7 +6,7 @@ use thiserror::Error;
 use tprmp_messages::{ControllerPorts, Instance, ServiceError, name_bytes};
 use tprmp_model::controller_config::{self, ConfigError, ControllerConfig};
 use tprmp_model::skill_model::{self, ModelError, SkillModel};
-use tprmp_rmpflow::skill::Skill;
+use tprmp_rmpflow::policy::Policy as SkillPolicy;
 use tprmp_robot::{Chain, ControlPointError, ControlPoints, UrdfError, count_joints};
 
 use crate::cycle::{Cycle, Pace};
@@ -107,6 +107,17 @@ pub enum StartError {
         /// Link of the configuration.
         found: String,
     },
+    /// The model failed its certificate.
+    #[error(
+        "model `{model}`, key `certificate.failures`: expected none, found {failure}; learn it again, \
+         or run it all the same with --allow-uncertified"
+    )]
+    Uncertified {
+        /// The model.
+        model: PathBuf,
+        /// The first failure.
+        failure: String,
+    },
     /// The model was learned for something else.
     #[error(
         "model `{model}`, key `{key}`: the skill was learned for {found}, this robot's configuration \
@@ -134,16 +145,24 @@ pub struct Loaded {
     /// The model.
     pub model: SkillModel,
     /// The skill in the form in which it is evaluated.
-    pub skill: Skill,
+    pub skill: SkillPolicy,
 }
 
-/// Reads and validates configuration and model, and checks that they fit.
+/// Reads and validates configuration and model, and checks that they fit. A model that failed its
+/// certificate is refused, unless `allow_uncertified`.
 ///
 /// # Errors
 /// [`StartError`]; nothing has moved.
-pub fn load(config_path: &Path, model_path: &Path) -> Result<Loaded, StartError> {
+pub fn load(
+    config_path: &Path,
+    model_path: &Path,
+    allow_uncertified: bool,
+) -> Result<Loaded, StartError> {
     let config = controller_config::read(config_path)?;
     let model = skill_model::read(model_path)?;
+    if let (Some(first), false) = (model.certificate.failures.first(), allow_uncertified) {
+        return Err(StartError::Uncertified { model: model_path.into(), failure: first.clone() });
+    }
     let mismatch = |key, found: String, expected: String| StartError::Mismatch {
         model: model_path.into(),
         key,
@@ -173,21 +192,17 @@ pub fn load(config_path: &Path, model_path: &Path) -> Result<Loaded, StartError>
             format!("{} joints", config.robot.joints.len()),
         ));
     }
-    for (key, name) in [("start_frame", &model.start_frame), ("goal_frame", &model.goal_frame)] {
+    for name in model.frames.iter().map(|frame| &frame.name) {
         if name_bytes(name).is_none() {
             return Err(mismatch(
-                key,
+                "frames",
                 format!("a frame named `{name}`"),
                 "messages with names of 1 to 24 bytes".into(),
             ));
         }
     }
-    let skill = model.skill().map_err(|_| {
-        mismatch(
-            "canonical",
-            "start and goal at the same place".into(),
-            "a skill that leads from one place to another".into(),
-        )
+    let skill = model.policy().map_err(|error| {
+        mismatch("policy", format!("a policy where {error}"), "a loop that evaluates it".into())
     })?;
     Ok(Loaded { config, model, skill })
 }
@@ -288,9 +303,12 @@ pub fn cycle<const N: usize>(
 ) -> Result<Cycle<N>, StartError> {
     let Loaded { config, model, skill } = loaded;
     let (chain, points) = robot::<N>(config_path, &config)?;
+    let frame_count = skill.frame_count();
     let policy = Policy::new(chain, skill, &points, &config);
     let frame_name = |name: &str| name_bytes(name).expect("checked by `load`");
-    let scene = Scene::new(frame_name(&model.start_frame), frame_name(&model.goal_frame));
+    let names = model.frames.iter().map(|frame| frame_name(&frame.name));
+    let goal_frame = usize::from(model.goal_frame != model.start_frame);
+    let scene = Scene::new(names.take(frame_count).collect(), goal_frame);
     let ports: ControllerPorts = instance.open_controller()?;
     Ok(Cycle::new(policy, scene, config, pace, until_done, ports))
 }

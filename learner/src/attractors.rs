@@ -1,6 +1,7 @@
 //! Looks for points other than the goal at which a field comes to rest.
 
 use nalgebra::SVector;
+use rayon::prelude::*;
 use tprmp_rmpflow::field::Field;
 
 /// Step of the flow [s].
@@ -22,32 +23,39 @@ const SAME: f64 = 0.05;
 #[must_use]
 pub fn stray_attractors<const D: usize>(
     field: &Field<D>,
-    starts: impl Iterator<Item = SVector<f64, D>>,
+    starts: &[SVector<f64, D>],
 ) -> Vec<SVector<f64, D>> {
-    let goal = field.goal();
+    let ends: Vec<_> = starts.par_iter().filter_map(|start| stray_end(field, *start)).collect();
     let mut found: Vec<SVector<f64, D>> = Vec::new();
-    for start in starts {
-        let mut y = start;
-        let mut velocity = SVector::<f64, D>::zeros();
-        let mut reached = false;
-        for _ in 0..STEPS_MAX {
-            reached = (y - goal).norm() < REACHED && velocity.norm() < REACHED;
-            let value = field.evaluate(&y, &velocity);
-            let Some(factor) = value.metric.cholesky() else { break };
-            let acceleration = factor.solve(&value.force(&velocity));
-            let rests = velocity.norm() < REST_SPEED
-                && acceleration.norm() < REST_SPEED * field.damping_1_s();
-            if reached || rests {
-                break;
-            }
-            velocity += acceleration * STEP_S;
-            y += velocity * STEP_S;
-        }
-        if !reached && found.iter().all(|other| (other - y).norm() > SAME) {
+    for y in ends {
+        if found.iter().all(|other| (other - y).norm() > SAME) {
             found.push(y);
         }
     }
     found
+}
+
+/// Where the policy is at the end, when that is not the goal.
+fn stray_end<const D: usize>(field: &Field<D>, start: SVector<f64, D>) -> Option<SVector<f64, D>> {
+    let goal = field.goal();
+    let mut y = start;
+    let mut velocity = SVector::<f64, D>::zeros();
+    for _ in 0..STEPS_MAX {
+        if (y - goal).norm() < REACHED && velocity.norm() < REACHED {
+            return None;
+        }
+        let value = field.evaluate(&y, &velocity);
+        let Some(factor) = value.metric.cholesky() else { break };
+        let acceleration = factor.solve(&value.force(&velocity));
+        let rests =
+            velocity.norm() < REST_SPEED && acceleration.norm() < REST_SPEED * field.damping_1_s();
+        if rests {
+            break;
+        }
+        velocity += acceleration * STEP_S;
+        y += velocity * STEP_S;
+    }
+    Some(y)
 }
 
 #[cfg(test)]
@@ -73,11 +81,13 @@ mod tests {
 
     #[test]
     fn a_second_well_is_found_once_and_one_well_is_none() {
-        let starts = || (0..40).map(|i| Vector2::new(-2.0 + 0.1 * f64::from(i), 0.3));
-        let found = stray_attractors(&wells(1.0), starts());
+        let starts: Vec<_> =
+            (0..40).map(|i| Vector2::new(-2.0 + 0.1 * f64::from(i), 0.3)).collect();
+        let found = stray_attractors(&wells(1.0), &starts);
         assert_eq!(found.len(), 1, "{found:?}");
         assert!((found[0] - Vector2::new(-1.5, 0.0)).norm() < 0.2);
-        let one = stray_attractors(&wells(1.0), starts().filter(|y| y[0] > -0.4));
+        let near: Vec<_> = starts.into_iter().filter(|y| y[0] > -0.4).collect();
+        let one = stray_attractors(&wells(1.0), &near);
         assert!(one.is_empty(), "{one:?}");
     }
 }

@@ -5,19 +5,17 @@
 //! of its own frames ([`tprmp_rmpflow::frame_map`]), then smoothed. Rest before and after the motion
 //! is cut: a field of the state alone cannot wait, and would take it for a place to stay.
 
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use tprmp_rmpflow::frame_map::{
     Canonical, CanonicalFrames, Displacement, FrameMap, FrameMotion, Pose,
 };
-use tprmp_rmpflow::rotation::rotation_vector;
 
 use crate::demonstration::{Demonstration, POINTS_MIN};
 use crate::error::LearnerError;
+use crate::orientation::mean_orientation;
 use crate::savitzky_golay::{Path, smooth};
 use crate::skill::{Scale, Smoothing};
 
-/// Bound on the iterations of the mean of rotations.
-const MEAN_ITERATIONS_MAX: usize = 100;
 /// Largest angle between a demonstrated orientation and the goal's [rad]: the chart ends at π.
 const ANGLE_MAX_RAD: f64 = 0.95 * std::f64::consts::PI;
 /// Least determinant of a demonstration's frame map along the way from start to goal.
@@ -30,6 +28,10 @@ const DETERMINANT_POINTS: u32 = 50;
 const UPRIGHT_SHARE: f64 = 0.75;
 /// Points of a path at which demonstrations are compared.
 const SPREAD_POINTS: usize = 50;
+/// Frames are fixed to each other when they move less than this [m] …
+const FIXED_M: f64 = 1e-9;
+/// … and turn less than this [rad].
+const FIXED_RAD: f64 = 1e-9;
 /// Least distance between the canonical start frame and the goal [m].
 const AXIS_MIN_M: f64 = 1e-3;
 
@@ -230,6 +232,16 @@ fn least_determinant(map: &FrameMap, displacement: &Displacement) -> f64 {
     (0..=DETERMINANT_POINTS).map(determinant).fold(f64::INFINITY, f64::min)
 }
 
+/// The start of a skill that has no start frame: where the tool is on average at first, seen from
+/// the goal frame.
+#[must_use]
+pub fn mean_start(demonstrations: &[Demonstration]) -> Pose {
+    let seen = |d: &Demonstration| {
+        d.goal_frame.inverse().compose(d.poses.first().expect("a demonstration has points"))
+    };
+    mean_pose(&demonstrations.iter().map(seen).collect::<Vec<_>>())
+}
+
 /// Mean frames and goal of the demonstrations.
 ///
 /// # Panics
@@ -239,8 +251,15 @@ pub fn canonical_frames(demonstrations: &[Demonstration]) -> CanonicalFrames {
     let poses = |f: &dyn Fn(&Demonstration) -> Pose| -> Vec<Pose> {
         demonstrations.iter().map(f).collect()
     };
-    let start = mean_pose(&poses(&|d| d.start));
     let goal_frame = mean_pose(&poses(&|d| d.goal_frame));
+    let between = poses(&|d| d.goal_frame.inverse().compose(&d.start));
+    let fixed = between.iter().all(|pose| {
+        (pose.position - between[0].position).length() < FIXED_M
+            && pose.rotation_from(&between[0]).length() < FIXED_RAD
+    });
+    // Frames that are fixed to each other are so in canonical coordinates.
+    let start =
+        if fixed { goal_frame.compose(&between[0]) } else { mean_pose(&poses(&|d| d.start)) };
     let grasp = mean_pose(&poses(&|d| {
         d.goal_frame.inverse().compose(d.poses.last().expect("a demonstration has points"))
     }));
@@ -256,34 +275,8 @@ pub fn canonical_frames(demonstrations: &[Demonstration]) -> CanonicalFrames {
 fn mean_pose(poses: &[Pose]) -> Pose {
     let orientations: Vec<_> = poses.iter().map(|p| p.orientation).collect();
     let position = poses.iter().map(|p| p.position).sum::<DVec3>() / poses.len() as f64;
-    Pose { position, orientation: mean_orientation(&orientations) }
-}
-
-/// The mean of rotations: the one with the least sum of squared angles, by Gauss–Newton from the
-/// most central of them. A quaternion and its negative are the same rotation.
-///
-/// # Panics
-/// When there is none.
-#[must_use]
-pub fn mean_orientation(orientations: &[DQuat]) -> DQuat {
-    let error = |mean: DQuat| -> f64 {
-        orientations.iter().map(|q| rotation_vector(mean.conjugate() * *q).length_squared()).sum()
-    };
-    let mut mean = *orientations
-        .iter()
-        .min_by(|a, b| error(**a).total_cmp(&error(**b)))
-        .expect("at least one orientation");
-    for _ in 0..MEAN_ITERATIONS_MAX {
-        let step: DVec3 =
-            orientations.iter().map(|q| rotation_vector(mean.conjugate() * *q)).sum::<DVec3>()
-                / orientations.len() as f64;
-        mean = (mean * DQuat::from_scaled_axis(step)).normalize();
-        if step.length() < 1e-15 {
-            break;
-        }
-    }
-    // Of the two quaternions, the one with w ≥ 0: so the result does not depend on the inputs'.
-    if mean.w < 0.0 { -mean } else { mean }
+    let weights = vec![1.0; poses.len()];
+    Pose { position, orientation: mean_orientation(&orientations, &weights) }
 }
 
 /// Lets a path end exactly at the goal: what is missing is faded in over its whole length, with no
@@ -308,32 +301,6 @@ fn end_at(path: &mut Path, goal: DVec3, sampling_time_s: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn mean_orientation_does_not_see_the_hemisphere() {
-        let vectors = [[0.2, 0.1, 3.0], [0.25, 0.0, 3.05], [0.1, 0.1, 2.9], [0.2, -0.1, 3.1]];
-        let all: Vec<_> = vectors.map(|v| DQuat::from_scaled_axis(v.into())).to_vec();
-        let mean = mean_orientation(&all);
-        for signs in 0..16 {
-            let flipped: Vec<_> = all
-                .iter()
-                .enumerate()
-                .map(|(i, q)| if signs >> i & 1 == 1 { -*q } else { *q })
-                .collect();
-            let other = mean_orientation(&flipped);
-            assert!((other - mean).length() < 1e-14);
-        }
-        // It is a stationary point of the sum of squared angles.
-        let sum: DVec3 = all.iter().map(|q| rotation_vector(mean.conjugate() * *q)).sum();
-        assert!(sum.length() < 1e-13);
-    }
-
-    #[test]
-    fn mean_of_two_is_half_way() {
-        let (a, b) = (DQuat::from_rotation_x(0.3), DQuat::from_rotation_x(1.1));
-        let mean = mean_orientation(&[a, -b]);
-        assert!((mean - DQuat::from_rotation_x(0.7)).length() < 1e-14);
-    }
 
     #[test]
     fn a_path_ends_at_the_goal_and_stays_consistent() {

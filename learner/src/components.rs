@@ -1,8 +1,9 @@
 //! How many Gaussians: given, or chosen by the Bayesian information criterion.
 //!
-//! `BIC(K) = p(K) ln n − 2 ln L(K)`, p(K) = K − 1 + K (m + m (m + 1)/2)  [Schwarz 1978],
-//! with n samples of m = 1 + dim y coordinates (the phase is one), L the likelihood of the mixture
-//! after the iterations that training uses. The smallest wins, the smaller K of equals.
+//! `BIC(K) = p(K) ln n − 2 ln L(K)`, p(K) = K − 1 + K Σ (m + m (m + 1)/2)  [Schwarz 1978],
+//! with n samples of m coordinates in each view that the mixture is learned in (the frames, or the
+//! canonical space with the time), L the likelihood of the mixture after the iterations that
+//! training uses. The smallest wins, the smaller K of equals.
 //!
 //! Samples of a demonstration depend on each other, so the criterion counts more evidence than
 //! there is and leans towards many components.
@@ -10,15 +11,14 @@
 use std::ops::RangeInclusive;
 use std::sync::mpsc;
 
-use nalgebra::DVector;
 use rayon::prelude::*;
 
 use crate::canonical::canonicalise;
 use crate::demonstration::Demonstration;
-use crate::em::maximise;
 use crate::error::LearnerError;
 use crate::skill::Skill;
-use crate::train::{PRIOR_MIN, SAMPLES_PER_COMPONENT_MIN, initialised, joint_paths};
+use crate::tp_gmm::Samples;
+use crate::train::with_start;
 
 /// Where the number of Gaussians comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,10 +105,10 @@ pub fn choose(
     for end in [*range.start(), *range.end()] {
         skill.clone().with_components(end).map_err(LearnerError::Components)?;
     }
+    let demonstrations = &with_start(skill, demonstrations);
     let set = canonicalise(demonstrations, &skill.smoothing, &skill.scale)?;
-    let joint = joint_paths(skill, &set);
-    let samples: usize = joint.iter().map(Vec::len).sum();
-    let most = samples / SAMPLES_PER_COMPONENT_MIN;
+    let samples = Samples::new(skill, demonstrations, &set);
+    let most = samples.components_max();
     let tried: Vec<usize> = range.clone().filter(|components| *components <= most).collect();
     let (tell, told) = mpsc::channel();
     let candidates: Vec<Candidate> = std::thread::scope(|scope| {
@@ -117,7 +117,7 @@ pub fn choose(
             tried
                 .par_iter()
                 .map_with(tell, |tell, components| {
-                    let candidate = candidate(skill, &joint, samples, *components, seed);
+                    let candidate = candidate(skill, &samples, *components, seed);
                     // Progress that nobody hears changes nothing.
                     let _ = tell.send(*components);
                     candidate
@@ -132,7 +132,8 @@ pub fn choose(
     let learnable = candidates.iter().filter(|candidate| !candidate.empty);
     let best = learnable.min_by(|a, b| a.bic.total_cmp(&b.bic)).ok_or_else(|| {
         LearnerError::Components(format!(
-            "expected a range with a number that {samples} samples can fill, found {} to {}",
+            "expected a range with a number that {} samples can fill, found {} to {}",
+            samples.len(),
             range.start(),
             range.end()
         ))
@@ -140,21 +141,14 @@ pub fn choose(
     Ok(Choice { components: best.components, candidates })
 }
 
-fn candidate(
-    skill: &Skill,
-    joint: &[Vec<DVector<f64>>],
-    samples: usize,
-    components: usize,
-    seed: u64,
-) -> Candidate {
-    let settings = &skill.mixture;
-    let data = initialised(joint, components, settings.initialisation, seed);
-    let mixture = maximise(&data, settings.iterations, settings.regularisation);
+fn candidate(skill: &Skill, samples: &Samples, components: usize, seed: u64) -> Candidate {
+    let Ok(mixture) = samples.learn(skill, components, seed) else {
+        let (log_likelihood, bic) = (f64::NEG_INFINITY, f64::INFINITY);
+        return Candidate { components, log_likelihood, parameters: 0, bic, empty: true };
+    };
+    let count = samples.len() as f64;
     let mean = mixture.log_likelihoods[mixture.log_likelihoods.len() - 1];
-    let log_likelihood = mean * samples as f64;
-    let m = 1 + skill.manifold.dimension();
-    let parameters = components - 1 + components * (m + m * (m + 1) / 2);
-    let bic = parameters as f64 * (samples as f64).ln() - 2.0 * log_likelihood;
-    let empty = mixture.priors.iter().any(|prior| *prior < PRIOR_MIN);
-    Candidate { components, log_likelihood, parameters, bic, empty }
+    let (log_likelihood, parameters) = (mean * count, mixture.parameters);
+    let bic = parameters as f64 * count.ln() - 2.0 * log_likelihood;
+    Candidate { components, log_likelihood, parameters, bic, empty: false }
 }

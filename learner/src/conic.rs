@@ -20,6 +20,15 @@ pub struct Affine {
     pub coefficients: Vec<(usize, f64)>,
 }
 
+impl Affine {
+    /// Its value; variables beyond `x` are zero.
+    #[must_use]
+    pub fn at(&self, x: &[f64]) -> f64 {
+        let terms = self.coefficients.iter().filter_map(|(j, c)| Some(c * x.get(*j)?));
+        self.constant + terms.sum::<f64>()
+    }
+}
+
 /// A program under construction.
 #[derive(Clone, Debug)]
 pub struct ConicProgram {
@@ -38,6 +47,8 @@ pub struct Solution {
     pub status: String,
     /// Its iterations.
     pub iterations: u32,
+    /// Optimal value.
+    pub objective: f64,
     /// The variables.
     pub x: Vec<f64>,
 }
@@ -108,7 +119,13 @@ impl ConicProgram {
             // Numbers that are not finite end here.
             Err(error) => {
                 let status = error.to_string();
-                return Solution { usable: false, status, iterations: 0, x: Vec::new() };
+                return Solution {
+                    usable: false,
+                    status,
+                    iterations: 0,
+                    objective: 0.0,
+                    x: Vec::new(),
+                };
             }
         };
         solver.solve();
@@ -119,6 +136,7 @@ impl ConicProgram {
                 && matches!(solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved),
             status: format!("{:?}", solution.status),
             iterations: solution.iterations,
+            objective: solution.obj_val,
             x: solution.x.clone(),
         }
     }

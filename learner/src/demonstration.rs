@@ -36,6 +36,8 @@ pub struct Demonstration {
     pub start: Pose,
     /// Goal frame, in the robot's base frame.
     pub goal_frame: Pose,
+    /// Further frames by name, in the robot's base frame.
+    pub other_frames: BTreeMap<String, Pose>,
     /// Poses of the tool in the robot's base frame; planar ones have z = 0 and no rotation.
     pub poses: Vec<Pose>,
 }
@@ -81,13 +83,14 @@ pub fn columns(manifold: Manifold) -> &'static [&'static str] {
 ///
 /// # Errors
 /// [`LearnerError`], naming file and key: the folder is missing or empty, a file is refused by
-/// [`read`], or it shows another skill or manifold than asked for.
+/// [`read`], shows another skill or manifold than asked for, or has not just these frames.
 pub fn read_folder(
     folder: &Path,
     skill: &str,
     manifold: Manifold,
     start_frame: &str,
     goal_frame: &str,
+    other_frames: &[String],
 ) -> Result<Vec<Demonstration>, LearnerError> {
     let unreadable = |source| LearnerError::Read { path: folder.into(), source };
     let mut files: Vec<PathBuf> = Vec::new();
@@ -117,6 +120,19 @@ pub fn read_folder(
             let problem = format!("expected `{manifold}`, found `{}`", demonstration.manifold);
             return Err(LearnerError::key(&file, "manifold", problem));
         }
+        let found = &demonstration.other_frames;
+        if let Some(name) = other_frames.iter().find(|name| !found.contains_key(*name)) {
+            let problem = "expected this frame, which the skill file names in `other_frames`";
+            return Err(LearnerError::key(&file, format!("frames.{name}"), problem));
+        }
+        if let Some(name) = found.keys().find(|name| !other_frames.contains(name)) {
+            let problem = format!(
+                "unknown frame; expected `{start_frame}`, `{goal_frame}`{}; the skill file may \
+                 name further ones in `other_frames`",
+                other_frames.iter().map(|name| format!(", `{name}`")).collect::<String>()
+            );
+            return Err(LearnerError::key(&file, format!("frames.{name}"), problem));
+        }
         demonstrations.push(demonstration);
     }
     Ok(demonstrations)
@@ -127,7 +143,7 @@ pub fn read_folder(
 /// # Errors
 /// [`LearnerError`], naming file and key: missing, truncated, of another schema, numbers that are
 /// not finite, rows of unequal length, too few points, quaternions that are not unit, frames that
-/// are missing or unknown, a sampling time that is not positive.
+/// are missing, a sampling time that is not positive.
 pub fn read(
     path: &Path,
     start_frame: &str,
@@ -150,11 +166,8 @@ pub fn read(
         let expected = columns(manifold);
         return fail("columns", format!("expected {expected:?}, found {:?}", file.columns));
     }
-    if let Some(name) = file.frames.keys().find(|n| *n != start_frame && *n != goal_frame) {
-        let problem = format!("unknown frame; expected `{start_frame}` and `{goal_frame}`");
-        return fail(&format!("frames.{name}"), problem);
-    }
     let start = frame(&file.frames, start_frame, manifold, path)?;
+    let other_frames = other_frames(&file.frames, [start_frame, goal_frame], manifold, path)?;
     let goal_frame = frame(&file.frames, goal_frame, manifold, path)?;
     if file.samples.len() < POINTS_MIN {
         let found = file.samples.len();
@@ -176,7 +189,17 @@ pub fn read(
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let sha256 = sha256_hex(text.as_bytes());
     let skill = file.skill;
-    Ok(Demonstration { name, sha256, skill, manifold, sampling_time_s, start, goal_frame, poses })
+    Ok(Demonstration {
+        name,
+        sha256,
+        skill,
+        manifold,
+        sampling_time_s,
+        start,
+        goal_frame,
+        other_frames,
+        poses,
+    })
 }
 
 /// Parses the JSON; its schema first, so that a file of another version is told as such.
@@ -265,6 +288,17 @@ pub(crate) fn frame(
     Ok(Pose { position: DVec3::new(position[0], position[1], position[2]), orientation })
 }
 
+/// All frames but the start's and the goal's, as valid poses.
+pub(crate) fn other_frames(
+    frames: &BTreeMap<String, FileFrame>,
+    known: [&str; 2],
+    manifold: Manifold,
+    path: &Path,
+) -> Result<BTreeMap<String, Pose>, LearnerError> {
+    let others = frames.keys().filter(|name| !known.contains(&name.as_str()));
+    others.map(|name| Ok((name.clone(), frame(frames, name, manifold, path)?))).collect()
+}
+
 /// The text of a demonstration file: six decimals, one sample a line.
 #[must_use]
 pub fn to_text(demonstration: &Demonstration, start_frame: &str, goal_frame: &str) -> String {
@@ -277,16 +311,22 @@ pub fn to_text(demonstration: &Demonstration, start_frame: &str, goal_frame: &st
     };
     let columns = columns(demonstration.manifold);
     let quoted = |text: &str| serde_json::Value::from(text).to_string();
+    let mut frames = vec![(start_frame, &demonstration.start)];
+    if goal_frame != start_frame {
+        frames.push((goal_frame, &demonstration.goal_frame));
+    }
+    frames.extend(demonstration.other_frames.iter().map(|(name, pose)| (name.as_str(), pose)));
+    let frames: Vec<_> = frames
+        .into_iter()
+        .map(|(name, pose)| format!("{}: {}", quoted(name), frame(pose)))
+        .collect();
     let mut text = format!(
         "{{\n\"schema\": \"{SCHEMA}\",\n\"skill\": {},\n\"manifold\": \"{}\",\n\
-         \"sampling_time_s\": {},\n\"frames\": {{\n{}: {},\n{}: {}\n}},\n\"columns\": [{}],\n\"samples\": [\n",
+         \"sampling_time_s\": {},\n\"frames\": {{\n{}\n}},\n\"columns\": [{}],\n\"samples\": [\n",
         quoted(&demonstration.skill),
         demonstration.manifold,
         demonstration.sampling_time_s,
-        quoted(start_frame),
-        frame(&demonstration.start),
-        quoted(goal_frame),
-        frame(&demonstration.goal_frame),
+        frames.join(",\n"),
         columns.iter().map(|c| quoted(c)).collect::<Vec<_>>().join(", "),
     );
     for (i, pose) in demonstration.poses.iter().enumerate() {

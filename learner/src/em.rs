@@ -1,209 +1,361 @@
-//! Expectation maximisation of a Gaussian mixture on (phase · length, y), with y the joint
-//! coordinates of position and orientation  [thesis eq. 3.4, with the phase as a coordinate].
+//! Expectation maximisation of Gaussians that several views of the same samples share.
+//!
+//! A view is a coordinate system: a frame, or the canonical space. Responsibilities are common to
+//! all views; each view has means and covariances of its own  [thesis eq. 3.4–3.5]. Coordinates are
+//! Euclidean ones, orientations, or both: means on S³ are those of the least sum of squared angles,
+//! covariances stand in the tangent space at the mean, as rotation vectors in its own axes.
 
+use std::ops::Range;
+
+use glam::{DQuat, DVec3};
 use nalgebra::{DMatrix, DVector};
+use tprmp_rmpflow::rotation::rotation_vector;
 
-/// A Gaussian mixture in order of phase; the first coordinate is the phase times the length.
+use crate::orientation::mean_orientation;
+use crate::skill::Ordering;
+
+/// Most coordinates of a view: time, position, rotation.
+const DIMENSION_MAX: usize = 7;
+/// A component without samples must not divide by zero.
+const WEIGHT_FLOOR: f64 = 1e-9;
+
+/// The samples in one coordinate system.
 #[derive(Clone, Debug)]
-pub struct Mixture {
-    /// Weights, which sum to one.
-    pub priors: Vec<f64>,
-    /// Means.
-    pub means: Vec<DVector<f64>>,
-    /// Covariances, without the regularisation.
-    pub covariances: Vec<DMatrix<f64>>,
-    /// Mean log-likelihood of a sample after each maximisation [nat].
-    pub log_likelihoods: Vec<f64>,
+pub struct View {
+    /// Euclidean coordinates, one column a sample.
+    pub euclidean: DMatrix<f64>,
+    /// Orientations, one a sample, for views that have them.
+    pub orientations: Option<Vec<DQuat>>,
+    /// Factor on rotation vectors, which makes them comparable with the other coordinates [1/rad].
+    pub rotation_scale: f64,
 }
 
-/// Samples of several paths with their phase, and responsibilities to start from.
+/// A Gaussian of a view.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gaussian {
+    /// Mean of the Euclidean coordinates.
+    pub mean: DVector<f64>,
+    /// Mean orientation.
+    pub orientation: Option<DQuat>,
+    /// Covariance of (Euclidean coordinates, scaled rotation vector in axes of the mean), without
+    /// the regularisation.
+    pub covariance: DMatrix<f64>,
+}
+
+/// What is known of the order of the samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Topology {
+    /// Nothing: a mixture.
+    Mixture,
+    /// States are passed in order, none left out: a left–right hidden Markov model
+    /// [Rabiner 1989, section IV.B].
+    LeftRight,
+}
+
+/// Samples, and where the iterations start.
 #[derive(Clone, Debug)]
-pub struct PhaseSamples {
-    /// (phase · length, y) of all samples of all paths.
-    pub samples: Vec<DVector<f64>>,
-    /// Mean length of the paths.
-    pub length: f64,
+pub struct Data {
+    /// At least one.
+    pub views: Vec<View>,
+    /// The samples of each demonstration.
+    pub sequences: Vec<Range<usize>>,
+    /// Time of each sample as a share of its demonstration's.
+    pub times: Vec<f64>,
     /// Responsibility of component k (column) for sample i (row).
     pub responsibilities: DMatrix<f64>,
 }
 
-/// Puts paths side by side, the phase running evenly in time from 0 to 1, and cuts each into
-/// `components` pieces of equal arc length to start from.
-///
-/// # Panics
-/// When a path has no length.
-#[must_use]
-pub fn phase_samples(paths: &[Vec<DVector<f64>>], components: usize) -> PhaseSamples {
-    let arcs: Vec<Vec<f64>> = paths.iter().map(|path| arc_lengths(path)).collect();
-    let lengths: Vec<f64> = arcs.iter().map(|arc| arc[arc.len() - 1]).collect();
-    assert!(lengths.iter().all(|l| *l > 0.0), "a path has a length");
-    let length = lengths.iter().sum::<f64>() / lengths.len() as f64;
-    let count = paths.iter().map(Vec::len).sum();
-    let mut samples = Vec::with_capacity(count);
-    let mut responsibilities = DMatrix::zeros(count, components);
-    for (path, arc) in paths.iter().zip(&arcs) {
-        let last = path.len() - 1;
-        for (i, y) in path.iter().enumerate() {
-            let phase = i as f64 / last as f64;
-            let piece = (arc[i] / arc[last] * components as f64) as usize;
-            responsibilities[(samples.len(), piece.min(components - 1))] = 1.0;
-            samples.push(y.clone().insert_row(0, phase * length));
+/// Settings of the iterations.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// What is known of the order of the samples.
+    pub topology: Topology,
+    /// How many.
+    pub iterations: u32,
+    /// Added to the covariances' diagonal wherever they are inverted.
+    pub regularisation: f64,
+    /// How the components of a mixture are put in order; states of a left–right model are.
+    pub ordering: Ordering,
+}
+
+/// What expectation maximisation found.
+#[derive(Clone, Debug)]
+pub struct Maximised {
+    /// Responsibility of component k (column) for sample i (row), components in order.
+    pub responsibilities: DMatrix<f64>,
+    /// Share of the samples of each component.
+    pub priors: Vec<f64>,
+    /// Mean time of each component's samples.
+    pub times: Vec<f64>,
+    /// Gaussians of each view.
+    pub gaussians: Vec<Vec<Gaussian>>,
+    /// Mean log-likelihood of a sample after each maximisation [nat].
+    pub log_likelihoods: Vec<f64>,
+}
+
+impl View {
+    /// Samples.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.euclidean.ncols()
+    }
+
+    /// Whether there is no sample.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Dimension of the tangent space.
+    #[must_use]
+    pub fn dimension(&self) -> usize {
+        self.euclidean.nrows() + if self.orientations.is_some() { 3 } else { 0 }
+    }
+
+    /// Sample i as seen from a mean: Euclidean difference ⊕ s log(μ⁻¹ q).
+    fn offset(&self, i: usize, gaussian: &Gaussian, offset: &mut [f64; DIMENSION_MAX]) {
+        let n = self.euclidean.nrows();
+        let column = self.euclidean.column(i);
+        for ((entry, x), mean) in offset.iter_mut().zip(column.iter()).zip(gaussian.mean.iter()) {
+            *entry = x - mean;
+        }
+        if let (Some(all), Some(mean)) = (&self.orientations, gaussian.orientation) {
+            let rotation = rotation_vector(mean.conjugate() * all[i]) * self.rotation_scale;
+            offset[n..n + 3].copy_from_slice(&rotation.to_array());
         }
     }
-    PhaseSamples { samples, length, responsibilities }
-}
 
-fn arc_lengths(path: &[DVector<f64>]) -> Vec<f64> {
-    let mut arc = vec![0.0];
-    for pair in path.windows(2) {
-        arc.push(arc[arc.len() - 1] + (&pair[1] - &pair[0]).norm());
+    /// Mean and covariance of weighted samples  [thesis eq. 3.5].
+    #[must_use]
+    pub fn gaussian(&self, weights: &[f64]) -> Gaussian {
+        let sum = weights.iter().sum::<f64>() + WEIGHT_FLOOR;
+        let mut mean = DVector::zeros(self.euclidean.nrows());
+        for (sample, weight) in self.euclidean.column_iter().zip(weights) {
+            mean.axpy(weight / sum, &sample, 1.0);
+        }
+        let orientation = self.orientations.as_ref().map(|all| mean_orientation(all, weights));
+        let n = self.dimension();
+        let mut gaussian = Gaussian { mean, orientation, covariance: DMatrix::zeros(n, n) };
+        let mut offset = [0.0; DIMENSION_MAX];
+        let mut covariance = DMatrix::zeros(n, n);
+        for (i, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
+            self.offset(i, &gaussian, &mut offset);
+            for a in 0..n {
+                let scaled = weight / sum * offset[a];
+                for b in 0..=a {
+                    covariance[(a, b)] += scaled * offset[b];
+                }
+            }
+        }
+        covariance.fill_upper_triangle_with_lower_triangle();
+        gaussian.covariance = covariance;
+        gaussian
     }
-    arc
+
+    /// Adds ln N of every sample (row) under every Gaussian (column).
+    fn add_log_densities(
+        &self,
+        gaussians: &[Gaussian],
+        regularisation: f64,
+        sum: &mut DMatrix<f64>,
+    ) {
+        let n = self.dimension();
+        let mut offset = [0.0; DIMENSION_MAX];
+        for (k, gaussian) in gaussians.iter().enumerate() {
+            let regular = &gaussian.covariance + DMatrix::identity(n, n) * regularisation;
+            let factor =
+                regular.cholesky().expect("a regularised covariance is positive definite").unpack();
+            let root: f64 = factor.diagonal().iter().map(|x| x.ln()).sum();
+            let constant = -root - 0.5 * n as f64 * std::f64::consts::TAU.ln();
+            for i in 0..self.len() {
+                self.offset(i, gaussian, &mut offset);
+                let mut square = 0.0;
+                for a in 0..n {
+                    let mut rest = offset[a];
+                    for b in 0..a {
+                        rest -= factor[(a, b)] * offset[b];
+                    }
+                    offset[a] = rest / factor[(a, a)];
+                    square += offset[a] * offset[a];
+                }
+                sum[(i, k)] += constant - 0.5 * square;
+            }
+        }
+    }
 }
 
-/// Alternates maximisation and expectation. `regularisation` is added to the covariances' diagonal
-/// wherever they are inverted; without it the likelihood never falls. Components that lose all
-/// samples keep a vanishing weight.
+/// Alternates maximisation and expectation. Without regularisation the likelihood never falls.
+/// Components that lose all samples keep a vanishing weight.
 ///
 /// # Panics
 /// When a covariance is singular, which a positive regularisation excludes.
 #[must_use]
-pub fn maximise(data: &PhaseSamples, iterations: u32, regularisation: f64) -> Mixture {
+pub fn maximise(data: &Data, settings: &Settings) -> Maximised {
     let mut responsibilities = data.responsibilities.clone();
-    let mut log_likelihoods = Vec::with_capacity(iterations as usize);
-    for _ in 0..iterations {
-        let mixture = maximisation(&data.samples, &responsibilities);
-        log_likelihoods.push(expectation(
-            &data.samples,
-            &mixture,
-            regularisation,
-            &mut responsibilities,
-        ));
+    let mut stays = stays(&responsibilities, data.sequences.len());
+    let mut log_likelihoods = Vec::with_capacity(settings.iterations as usize);
+    for _ in 0..settings.iterations {
+        let mut densities = DMatrix::zeros(responsibilities.nrows(), responsibilities.ncols());
+        for view in &data.views {
+            let gaussians = gaussians(view, &responsibilities);
+            view.add_log_densities(&gaussians, settings.regularisation, &mut densities);
+        }
+        let total = match settings.topology {
+            Topology::Mixture => mixture_expectation(densities, &mut responsibilities),
+            Topology::LeftRight => left_right_expectation(
+                &densities,
+                &data.sequences,
+                &mut stays,
+                &mut responsibilities,
+            ),
+        };
+        log_likelihoods.push(total / responsibilities.nrows() as f64);
     }
-    let mixture = maximisation(&data.samples, &responsibilities);
-    let mut order: Vec<usize> = (0..mixture.means.len()).collect();
-    order.sort_by(|a, b| mixture.means[*a][0].total_cmp(&mixture.means[*b][0]));
-    Mixture {
-        priors: order.iter().map(|k| mixture.priors[*k]).collect(),
-        means: order.iter().map(|k| mixture.means[*k].clone()).collect(),
-        covariances: order.iter().map(|k| mixture.covariances[*k].clone()).collect(),
-        log_likelihoods,
+    let mut times = mean_times(&responsibilities, &data.times);
+    if settings.topology == Topology::Mixture && settings.ordering == Ordering::MeanTime {
+        responsibilities = in_order(&responsibilities, &times);
+        times = mean_times(&responsibilities, &data.times);
     }
+    let priors = weight_sums(&responsibilities)
+        .map(|sum| (sum + WEIGHT_FLOOR) / responsibilities.nrows() as f64)
+        .collect();
+    let gaussians = data.views.iter().map(|view| gaussians(view, &responsibilities)).collect();
+    Maximised { responsibilities, priors, times, gaussians, log_likelihoods }
 }
 
-/// Priors, means and covariances for given responsibilities  [thesis eq. 3.4, M step].
-fn maximisation(samples: &[DVector<f64>], responsibilities: &DMatrix<f64>) -> Mixture {
-    let dimension = samples[0].len();
-    let components = responsibilities.ncols();
-    let mut mixture = Mixture {
-        priors: Vec::with_capacity(components),
-        means: Vec::with_capacity(components),
-        covariances: Vec::with_capacity(components),
-        log_likelihoods: Vec::new(),
+/// The Gaussians of a view for given responsibilities, its own or those learned in other views.
+#[must_use]
+pub fn gaussians(view: &View, responsibilities: &DMatrix<f64>) -> Vec<Gaussian> {
+    responsibilities.column_iter().map(|weights| view.gaussian(weights.as_slice())).collect()
+}
+
+/// Responsibilities with their components in order of mean time.
+#[must_use]
+pub fn in_order(responsibilities: &DMatrix<f64>, times: &[f64]) -> DMatrix<f64> {
+    let mut order: Vec<usize> = (0..responsibilities.ncols()).collect();
+    order.sort_by(|a, b| times[*a].total_cmp(&times[*b]));
+    let columns: Vec<_> = order.iter().map(|k| responsibilities.column(*k)).collect();
+    DMatrix::from_columns(&columns)
+}
+
+/// Mean time of each component's samples.
+#[must_use]
+pub fn mean_times(responsibilities: &DMatrix<f64>, times: &[f64]) -> Vec<f64> {
+    let mean = |weights: &[f64]| -> f64 {
+        let sum = weights.iter().sum::<f64>() + WEIGHT_FLOOR;
+        weights.iter().zip(times).map(|(weight, time)| weight * time).sum::<f64>() / sum
     };
-    for k in 0..components {
-        let weights = responsibilities.column(k);
-        // A component without samples must not divide by zero.
-        let sum = weights.sum() + 1e-9;
-        let mut mean = DVector::zeros(dimension);
-        for (sample, weight) in samples.iter().zip(weights.iter()) {
-            mean.axpy(weight / sum, sample, 1.0);
-        }
-        let mut covariance = DMatrix::zeros(dimension, dimension);
-        for (sample, weight) in samples.iter().zip(weights.iter()) {
-            let offset = sample - &mean;
-            covariance.ger(weight / sum, &offset, &offset, 1.0);
-        }
-        mixture.priors.push(sum / samples.len() as f64);
-        mixture.means.push(mean);
-        mixture.covariances.push(covariance);
-    }
-    mixture
+    responsibilities.column_iter().map(|weights| mean(weights.as_slice())).collect()
 }
 
-/// Responsibilities for a given mixture [thesis eq. 3.4, E step]; returns the mean log-likelihood.
-fn expectation(
-    samples: &[DVector<f64>],
-    mixture: &Mixture,
-    regularisation: f64,
-    responsibilities: &mut DMatrix<f64>,
-) -> f64 {
-    let dimension = samples[0].len();
-    let factors: Vec<_> = mixture
-        .covariances
-        .iter()
-        .map(|c| {
-            let regular = c + DMatrix::identity(dimension, dimension) * regularisation;
-            regular.cholesky().expect("a regularised covariance is positive definite")
-        })
-        .collect();
-    let constants: Vec<f64> = factors
-        .iter()
-        .zip(&mixture.priors)
-        .map(|(factor, prior)| {
-            let root: f64 = factor.l_dirty().diagonal().iter().map(|x| x.ln()).sum();
-            prior.ln() - root - 0.5 * dimension as f64 * std::f64::consts::TAU.ln()
-        })
-        .collect();
+fn weight_sums(responsibilities: &DMatrix<f64>) -> impl Iterator<Item = f64> + '_ {
+    responsibilities.column_iter().map(|weights| weights.sum())
+}
+
+/// γ_ik ∝ π_k Π_p N_p(ζ_i^(p))  [thesis eq. 3.4]; `terms` are the logarithms of the products.
+/// Returns the log-likelihood of all samples.
+fn mixture_expectation(mut terms: DMatrix<f64>, responsibilities: &mut DMatrix<f64>) -> f64 {
+    let count = terms.nrows() as f64;
+    let logs: Vec<f64> =
+        weight_sums(responsibilities).map(|sum| ((sum + WEIGHT_FLOOR) / count).ln()).collect();
     let mut total = 0.0;
-    for (i, sample) in samples.iter().enumerate() {
-        let mut row = responsibilities.row_mut(i);
-        for (k, factor) in factors.iter().enumerate() {
-            let mut offset = sample - &mixture.means[k];
-            factor.l_dirty().solve_lower_triangular_mut(&mut offset);
-            row[k] = constants[k] - 0.5 * offset.norm_squared();
-        }
+    for (mut row, mut result) in terms.row_iter_mut().zip(responsibilities.row_iter_mut()) {
+        row.iter_mut().zip(&logs).for_each(|(term, log)| *term += log);
         let top = row.max();
         row.iter_mut().for_each(|x| *x = (*x - top).exp());
         let sum = row.sum();
-        row /= sum;
         total += top + sum.ln();
+        result.copy_from(&(row / sum));
     }
-    total / samples.len() as f64
+    total
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use rand::{Rng, SeedableRng};
+/// Probability of staying in each state, from how long the states last.
+fn stays(responsibilities: &DMatrix<f64>, sequences: usize) -> Vec<f64> {
+    let stay = |sum: f64| 1.0 - (sequences as f64 / sum.max(WEIGHT_FLOOR)).min(0.5);
+    weight_sums(responsibilities).map(stay).collect()
+}
 
-    fn noisy_paths() -> Vec<Vec<DVector<f64>>> {
-        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(7);
-        let mut noise = move || random.random_range(-0.05..0.05);
-        (0..4)
-            .map(|_| {
-                (0..80)
-                    .map(|i| {
-                        let t = f64::from(i) / 79.0;
-                        DVector::from_vec(vec![2.0 * t + noise(), (3.0 * t).sin() + noise()])
-                    })
-                    .collect()
-            })
-            .collect()
-    }
-
-    #[test]
-    fn responsibilities_sum_to_one_and_the_likelihood_never_falls() {
-        let data = phase_samples(&noisy_paths(), 5);
-        let mixture = maximise(&data, 30, 0.0);
-        for pair in mixture.log_likelihoods.windows(2) {
-            assert!(pair[1] >= pair[0] - 1e-12, "{pair:?}");
+/// Forward–backward in logarithms, and the re-estimated probabilities of staying
+/// [Rabiner 1989, eq. 19–27, 37–40]. A demonstration starts in the first state. Returns the
+/// log-likelihood of all samples.
+fn left_right_expectation(
+    densities: &DMatrix<f64>,
+    sequences: &[Range<usize>],
+    stays: &mut [f64],
+    responsibilities: &mut DMatrix<f64>,
+) -> f64 {
+    let states = stays.len();
+    // The last state is never left.
+    let stay: Vec<f64> =
+        (0..states).map(|k| if k + 1 == states { 0.0 } else { stays[k].ln() }).collect();
+    let go: Vec<f64> = stays.iter().map(|stay| (1.0 - stay).ln()).collect();
+    let (mut stayed, mut went) = (vec![0.0; states], vec![0.0; states]);
+    let mut total = 0.0;
+    for range in sequences {
+        let count = range.len();
+        let density = |t: usize, k: usize| densities[(range.start + t, k)];
+        let mut forward = DMatrix::from_element(count, states, f64::NEG_INFINITY);
+        forward[(0, 0)] = density(0, 0);
+        for t in 1..count {
+            for k in 0..states {
+                let from_before =
+                    if k > 0 { forward[(t - 1, k - 1)] + go[k - 1] } else { f64::NEG_INFINITY };
+                forward[(t, k)] =
+                    log_add(forward[(t - 1, k)] + stay[k], from_before) + density(t, k);
+            }
         }
-        let mut responsibilities = data.responsibilities.clone();
-        expectation(&data.samples, &mixture, 0.0, &mut responsibilities);
-        for row in responsibilities.row_iter() {
-            assert!((row.sum() - 1.0).abs() < 1e-12);
-            assert!(row.iter().all(|r| (0.0..=1.0).contains(r)));
+        let mut backward = DMatrix::zeros(count, states);
+        for t in (0..count - 1).rev() {
+            for k in 0..states {
+                let remain = stay[k] + density(t + 1, k) + backward[(t + 1, k)];
+                backward[(t, k)] = if k + 1 < states {
+                    let leave = go[k] + density(t + 1, k + 1) + backward[(t + 1, k + 1)];
+                    log_add(remain, leave)
+                } else {
+                    remain
+                };
+            }
         }
-        assert!((mixture.priors.iter().sum::<f64>() - 1.0).abs() < 1e-8);
+        let likelihood = forward.row(count - 1).iter().copied().fold(f64::NEG_INFINITY, log_add);
+        total += likelihood;
+        for t in 0..count {
+            for k in 0..states {
+                let here = forward[(t, k)] - likelihood;
+                responsibilities[(range.start + t, k)] = (here + backward[(t, k)]).exp();
+                if t + 1 < count && k + 1 < states {
+                    let remain = here + stay[k] + density(t + 1, k) + backward[(t + 1, k)];
+                    stayed[k] += remain.exp();
+                    let leave = here + go[k] + density(t + 1, k + 1) + backward[(t + 1, k + 1)];
+                    went[k] += leave.exp();
+                }
+            }
+        }
     }
+    for ((stay, stayed), went) in stays.iter_mut().zip(stayed).zip(went) {
+        if stayed + went > WEIGHT_FLOOR {
+            *stay = stayed / (stayed + went);
+        }
+    }
+    total
+}
 
-    #[test]
-    fn means_come_in_order_of_phase_and_cover_the_path() {
-        let data = phase_samples(&noisy_paths(), 5);
-        let mixture = maximise(&data, 15, 1e-3);
-        assert!(mixture.means.windows(2).all(|pair| pair[0][0] < pair[1][0]));
-        assert!(mixture.means[0][0] < 0.25 * data.length);
-        assert!(mixture.means[4][0] > 0.75 * data.length);
-    }
+/// ln(eᵃ + eᵇ).
+fn log_add(a: f64, b: f64) -> f64 {
+    let (low, high) = if a < b { (a, b) } else { (b, a) };
+    if low == f64::NEG_INFINITY { high } else { high + (low - high).exp().ln_1p() }
+}
+
+/// A view of orientations and positions, e.g. of poses seen from a frame.
+#[must_use]
+pub fn pose_view(
+    positions: &[DVec3],
+    dimension: usize,
+    position_scale: f64,
+    orientations: Option<(Vec<DQuat>, f64)>,
+) -> View {
+    let euclidean =
+        DMatrix::from_fn(dimension, positions.len(), |a, i| positions[i][a] * position_scale);
+    let (orientations, rotation_scale) = orientations.unzip();
+    View { euclidean, orientations, rotation_scale: rotation_scale.unwrap_or(1.0) }
 }

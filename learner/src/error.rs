@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use tprmp_model::skill_model::ModelError;
+use tprmp_model::skill_model::{EvaluationError, ModelError};
 
 /// Why the learner stops. Each message names the file or the part that failed.
 #[derive(Debug, thiserror::Error)]
@@ -49,16 +49,19 @@ pub enum LearnerError {
     Components(String),
     /// The convex program of a field was not solved.
     #[error(
-        "the {block} field could not be fitted: the solver stopped with `{status}` after \
-         {iterations} iterations; look for jumps in the demonstrations, or raise `regularisation`"
+        "the {program} could not be fitted: the solver stopped with `{status}` after \
+         {iterations} iterations; {}",
+        blamed(causes)
     )]
     NotSolved {
-        /// `position` or `orientation`.
-        block: &'static str,
+        /// What was fitted.
+        program: &'static str,
         /// The solver's status.
         status: String,
         /// Its iterations.
         iterations: u32,
+        /// File names of the demonstrations without any one of which it is solved.
+        causes: Vec<String>,
     },
     /// A demonstration cannot be brought into canonical coordinates, or cannot be learned from.
     #[error("demonstration `{name}`: {problem}")]
@@ -68,20 +71,22 @@ pub enum LearnerError {
         /// What is wrong.
         problem: String,
     },
-    /// The learned skill does not do what was shown.
+    /// The learned skill fails its certificate.
     #[error(
-        "the learned skill does not reach the goal from the start of demonstration `{name}`: it \
-         ends {error_mm:.2} mm and {error_deg:.2}° away; nothing was written. Look for \
-         demonstrations that contradict each other, or change `mixture.components`"
+        "the learned skill fails its certificate in {} point{}, first: {}; nothing was written. Look \
+         for demonstrations that contradict each other, or change `mixture.components`; \
+         --allow-uncertified writes it all the same",
+        failures.len(),
+        if failures.len() == 1 { "" } else { "s" },
+        failures.first().map_or("", String::as_str)
     )]
-    GoalMissed {
-        /// File name of the demonstration.
-        name: String,
-        /// Distance to the goal [mm].
-        error_mm: f64,
-        /// Angle to the goal [°].
-        error_deg: f64,
+    Uncertified {
+        /// What failed.
+        failures: Vec<String>,
     },
+    /// The learned numbers cannot be computed with.
+    #[error("the learned policy cannot be evaluated: {0}")]
+    Evaluation(#[from] EvaluationError),
     /// The model file was refused.
     #[error(transparent)]
     Model(#[from] ModelError),
@@ -109,6 +114,20 @@ impl LearnerError {
             place: format!("line {line}, column {column}"),
             problem: problem.into(),
         }
+    }
+}
+
+/// Which demonstrations keep a program from being solved.
+fn blamed(causes: &[String]) -> String {
+    let quoted: Vec<_> = causes.iter().map(|name| format!("`{name}`")).collect();
+    match quoted.len() {
+        0 => "no single demonstration causes it: raise `regularisation`".into(),
+        1 => format!("demonstration {} causes it: it is solved without", quoted[0]),
+        _ => format!(
+            "it is solved without any one of the demonstrations {}: look for those that contradict \
+             each other",
+            quoted.join(", ")
+        ),
     }
 }
 

@@ -20,7 +20,7 @@
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use rand::Rng;
-use tprmp_model::skill_model::{FieldFit, FieldModel};
+use tprmp_model::skill_model::{ActiveConstraints, FieldModel, ProgramFit};
 use tprmp_rmpflow::field::{Background, Component};
 
 use crate::attractors::stray_attractors;
@@ -30,8 +30,18 @@ use crate::error::LearnerError;
 use crate::skill::FieldSettings;
 use crate::targets::{BlockPath, Descent, Guide, Target, targets};
 
+/// Figure: how often the program was solved again to take away stray attractors.
+const REPAIRS: &str = "repairs";
+/// Figure: attractors besides the goal that were found and are left.
+pub const STRAY_ATTRACTORS: &str = "stray attractors";
+/// A constraint is active when it holds with equality to this share of its bound.
+const ACTIVE: f64 = 1e-4;
 /// Bound on the repairs of a fit.
 const REPAIRS_MAX: u32 = 4;
+/// Every how many demands the solver sees at first.
+const WORKING_STRIDE: usize = 8;
+/// Demands that are met by less than this share of their speed join those that are not met.
+const MET: f64 = 0.2;
 /// Weight of a demand of a repair against that of a checked point.
 const REPAIR_WEIGHT: f64 = 30.0;
 /// Points around a stray attractor at which a repair demands descent.
@@ -52,8 +62,8 @@ pub struct Fitted<const D: usize> {
     pub shape: Shape<D>,
     /// The parameters.
     pub parameters: Vec<f64>,
-    /// Figures; the length scale is one until [`Fitted::physical`].
-    pub figures: FieldFit,
+    /// Figures of the program.
+    pub figures: ProgramFit,
 }
 
 /// The shape of a block's field from the mixture's means and covariances.
@@ -125,13 +135,11 @@ pub fn fit<const D: usize>(
     loop {
         let (mut parameters, status, iterations) = program.solve(block)?;
         program.bring_goal_to_rest(&mut parameters);
-        let stray = stray_attractors(&shape.field(&parameters), starts.iter().copied());
+        let stray = stray_attractors(&shape.field(&parameters), &starts);
         if stray.is_empty() || repairs == REPAIRS_MAX {
-            let figures = FieldFit {
-                repairs,
-                stray_attractors: stray.len() as u32,
-                ..program.figures(&parameters, status, iterations)
-            };
+            let mut figures = program.figures(block, &parameters, status, iterations);
+            figures.figures.push((REPAIRS.into(), f64::from(repairs)));
+            figures.figures.push((STRAY_ATTRACTORS.into(), stray.len() as f64));
             return Ok(Fitted { shape, parameters, figures });
         }
         // The demand was too weak there: repeat it louder, at and around the stray attractor.
@@ -163,6 +171,8 @@ struct Program<const D: usize> {
     slack_weights: Vec<f64>,
     /// Checked points without those of the repairs.
     checked: usize,
+    /// Demands that the solver sees.
+    working: Vec<usize>,
     /// G(g).
     goal_gradient: Vec<SVector<f64, D>>,
     /// H(g) relative to M(g), one matrix a parameter.
@@ -231,6 +241,7 @@ impl<const D: usize> Program<D> {
             descent_speeds: Vec::with_capacity(descents.len()),
             slack_weights: Vec::with_capacity(descents.len()),
             checked: descents.len(),
+            working: (0..descents.len()).step_by(WORKING_STRIDE).collect(),
             goal_gradient: shape.basis(&goal).gradient,
             goal_hessian: goal_hessian(shape, &bare.evaluate(&goal, &zero).metric),
             slope_min: settings.background_slope_min * mean_metric * d,
@@ -263,8 +274,36 @@ impl<const D: usize> Program<D> {
         self.slack_weights.push(share * loudness);
     }
 
-    /// Solves for x = (C p, s); returns p, the status and the iterations.
-    fn solve(&self, block: &'static str) -> Result<(Vec<f64>, String, u32), LearnerError> {
+    /// Solves the program with the demands that matter: those that are met anyway are left out, so
+    /// that the solver sees a few hundred rows at most. Demands that turn out violated join, until
+    /// none is: then the optimum is that of the whole program. Returns p, the status and the
+    /// iterations.
+    fn solve(&mut self, block: &'static str) -> Result<(Vec<f64>, String, u32), LearnerError> {
+        let mut iterations = 0;
+        loop {
+            let (p, status, more) = self.solve_working(block)?;
+            iterations += more;
+            let joining: Vec<usize> = (0..self.descent_rows.len())
+                .filter(|j| !self.working.contains(j))
+                .filter(|j| {
+                    let rate: f64 = self.descent_rows[*j].iter().zip(&p).map(|(r, p)| r * p).sum();
+                    rate + self.descent_speeds[*j] * (1.0 + MET) > 0.0
+                })
+                .collect();
+            let violated = joining.iter().any(|j| {
+                let row = &self.descent_rows[*j];
+                let rate: f64 = row.iter().zip(&p).map(|(r, p)| r * p).sum();
+                rate + self.descent_speeds[*j] > 0.0
+            });
+            if !violated {
+                return Ok((p, status, iterations));
+            }
+            self.working.extend(joining);
+        }
+    }
+
+    /// Solves for x = (C p, s) with the demands of the working set.
+    fn solve_working(&self, block: &'static str) -> Result<(Vec<f64>, String, u32), LearnerError> {
         let n = self.weights.len();
         let weights = &self.weights;
         let quadratic = DMatrix::from_fn(n, n, |i, j| {
@@ -273,7 +312,7 @@ impl<const D: usize> Program<D> {
         });
         let mut linear: Vec<f64> =
             self.linear.iter().zip(weights).map(|(b, c)| 2.0 * b / c).collect();
-        linear.extend(&self.slack_weights);
+        linear.extend(self.working.iter().map(|j| self.slack_weights[*j]));
         // Σ_j row(j) p_j + constant, as a function of x.
         let affine = |constant: f64, row: &dyn Fn(usize) -> f64| Affine {
             constant,
@@ -285,7 +324,8 @@ impl<const D: usize> Program<D> {
         let mut program = ConicProgram::new(quadratic, linear);
         program.require_zero((0..D).map(|i| affine(0.0, &|j| self.goal_gradient[j][i])).collect());
         let mut nonnegative = vec![single(n - 2, 0.0), single(n - 1, -self.slope_min)];
-        for (s, (row, speed)) in self.descent_rows.iter().zip(&self.descent_speeds).enumerate() {
+        for (s, j) in self.working.iter().enumerate() {
+            let (row, speed) = (&self.descent_rows[*j], self.descent_speeds[*j]);
             nonnegative.push(Affine { constant: 0.0, coefficients: vec![(n + s, 1.0)] });
             let mut violated = affine(-speed, &|j| -row[j]);
             violated.coefficients.push((n + s, 1.0));
@@ -316,9 +356,14 @@ impl<const D: usize> Program<D> {
         }
         program.require_nonnegative(nonnegative);
 
-        let Solution { usable, status, iterations, x } = program.solve();
+        let Solution { usable, status, iterations, x, .. } = program.solve();
         if !usable {
-            return Err(LearnerError::NotSolved { block, status, iterations });
+            return Err(LearnerError::NotSolved {
+                program: block,
+                status,
+                iterations,
+                causes: Vec::new(),
+            });
         }
         Ok((x[..n].iter().zip(weights).map(|(x, c)| x / c).collect(), status, iterations))
     }
@@ -343,7 +388,7 @@ impl<const D: usize> Program<D> {
         }
     }
 
-    fn figures(&self, p: &[f64], status: String, iterations: u32) -> FieldFit {
+    fn figures(&self, name: &str, p: &[f64], status: String, iterations: u32) -> ProgramFit {
         let vector = DVector::from_column_slice(p);
         let mut square = self.square.clone();
         square.fill_lower_triangle_with_upper_triangle();
@@ -365,20 +410,53 @@ impl<const D: usize> Program<D> {
         let weighted: f64 = p.iter().zip(&self.weights).map(|(p, c)| (p * c).powi(2)).sum();
         let hessian: SMatrix<f64, D, D> =
             self.goal_hessian.iter().zip(p).map(|(h, p)| h * *p).sum();
-        let hessian = DMatrix::from_fn(D, D, |i, j| hessian[(i, j)]);
-        FieldFit {
+        let least = (0..D).map(|i| {
+            let others = (0..D).filter(|j| *j != i).map(|j| hessian[(i, j)].abs());
+            hessian[(i, i)] - others.sum::<f64>()
+        });
+        // In the plane the smallest eigenvalue is constrained, in space each row's dominance.
+        let least: Vec<f64> = if D == 2 {
+            let dense = DMatrix::from_fn(D, D, |i, j| hessian[(i, j)]);
+            vec![dense.symmetric_eigenvalues().min()]
+        } else {
+            least.collect()
+        };
+        let violated = slopes[..self.checked].iter().filter(|r| **r > 0.0).count();
+        let active = |name: &str, active: usize, count: usize| ActiveConstraints {
+            name: name.into(),
+            active: active as u32,
+            count: count as u32,
+        };
+        let [offset, slope] = [p[p.len() - 2], p[p.len() - 1]];
+        let tight = |value: f64, bound: f64| value <= bound * (1.0 + ACTIVE);
+        ProgramFit {
+            name: name.into(),
             status,
             iterations,
             objective: residual + slack + self.regularisation * weighted,
             residual,
-            hinge,
-            hinge_violated_share: slopes[..self.checked].iter().filter(|r| **r > 0.0).count()
-                as f64
-                / checked,
-            goal_hessian_min_1_s2: hessian.symmetric_eigenvalues().min(),
-            length_scale: 1.0,
-            repairs: 0,
-            stray_attractors: 0,
+            active: vec![
+                active(
+                    "descent along the demonstrations",
+                    violations.iter().filter(|v| **v > 0.0).count(),
+                    violations.len(),
+                ),
+                active(
+                    "Hessian at the goal",
+                    least.iter().filter(|h| tight(**h, self.hessian_min)).count(),
+                    least.len(),
+                ),
+                active("slope of the background", usize::from(tight(slope, self.slope_min)), 1),
+                active(
+                    "offset of the background",
+                    usize::from(tight(offset, ACTIVE * self.slope_min)),
+                    1,
+                ),
+            ],
+            figures: vec![
+                ("hinge".into(), hinge),
+                ("share against the demonstrations".into(), violated as f64 / checked),
+            ],
         }
     }
 }
@@ -429,7 +507,7 @@ impl<const D: usize> Fitted<D> {
     /// With ŷ = s y, Φ(y) = c Φ̂(s y) and M(y) = c s² M̂(s y) give the same accelerations for any c;
     /// c = 1/(s² m_G) makes M_G the identity.
     #[must_use]
-    pub fn physical(&self, length_scale: f64) -> (FieldModel, FieldFit) {
+    pub fn physical(&self, length_scale: f64) -> (FieldModel, ProgramFit) {
         let s = length_scale;
         let (mut components, background) = self.shape.with(&self.parameters);
         let goal_metric = components[components.len() - 1].metric[(0, 0)];
@@ -450,6 +528,8 @@ impl<const D: usize> Fitted<D> {
             softening: background.softening / s,
         };
         let field = FieldModel::from_parts(&components, background, self.shape.damping_1_s());
-        (field, FieldFit { length_scale, ..self.figures.clone() })
+        let mut figures = self.figures.clone();
+        figures.figures.push(("normalised units a unit".into(), length_scale));
+        (field, figures)
     }
 }

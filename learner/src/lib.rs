@@ -1,12 +1,14 @@
-//! Learns a frozen model from demonstrations: one skill, one convex program a block.
+//! Learns a frozen model from demonstrations.
 //!
 //! [`train::train`] is the whole way: demonstrations → canonical coordinates ([`canonical`],
-//! [`savitzky_golay`]) → Gaussian mixture ([`k_means`], [`em`], [`components`]) → field of each block ([`basis`], [`fit`]) →
-//! rollouts ([`verify`]) → model.
+//! [`savitzky_golay`]) → Gaussian mixture in each frame ([`tp_gmm`], [`em`], [`k_means`],
+//! [`components`]) → policy, the canonical one ([`basis`], [`targets`], [`fit`]) or the thesis'
+//! ([`thesis`]) → certificate ([`certify`], [`rollout`]) → model.
 
 pub mod attractors;
 pub mod basis;
 pub mod canonical;
+pub mod certify;
 pub mod components;
 pub mod conic;
 pub mod demonstration;
@@ -15,9 +17,13 @@ pub mod error;
 pub mod fit;
 pub mod import;
 pub mod k_means;
+pub mod orientation;
+pub mod policy;
 pub mod report;
+pub mod rollout;
 pub mod savitzky_golay;
 pub mod skill;
 pub mod targets;
+pub mod thesis;
+pub mod tp_gmm;
 pub mod train;
-pub mod verify;

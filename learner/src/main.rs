@@ -51,6 +51,9 @@ enum Command {
             requires = "components"
         )]
         components_range: (usize, usize),
+        /// Write a model that fails its certificate; the controller refuses it unless told otherwise
+        #[arg(long)]
+        allow_uncertified: bool,
     },
     /// Print what a model file holds
     Inspect {
@@ -133,7 +136,14 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<(), LearnerError> {
     match command {
-        Command::Train { skill, out, seed, components, components_range: (least, most) } => {
+        Command::Train {
+            skill,
+            out,
+            seed,
+            components,
+            components_range: (least, most),
+            allow_uncertified,
+        } => {
             let components = match components {
                 None => Components::SkillFile,
                 Some(Count::Number(count)) => Components::Count(count),
@@ -142,8 +152,12 @@ fn run(command: Command) -> Result<(), LearnerError> {
             let mut progress = Progress::new();
             let trained = train::train(&skill, components, seed, &mut |done| progress.tell(done))?;
             progress.finish();
-            skill_model::write(&trained.model, &out)?;
             print!("{}", report::trained(&trained));
+            let failures = &trained.model.certificate.failures;
+            if !(failures.is_empty() || allow_uncertified) {
+                return Err(LearnerError::Uncertified { failures: failures.clone() });
+            }
+            skill_model::write(&trained.model, &out)?;
             println!("wrote      {}", out.display());
         }
         Command::Inspect { model } => {

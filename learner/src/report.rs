@@ -2,7 +2,10 @@
 
 use std::fmt::Write as _;
 
-use tprmp_model::skill_model::{FieldFit, FieldModel, Fit, Pose, SkillModel};
+use nalgebra::DMatrix;
+use tprmp_model::skill_model::{
+    Certificate, FieldModel, Fit, FrameMixture, Policy, Pose, ProgramFit, SkillModel, ThesisModel,
+};
 
 use crate::components::Choice;
 use crate::train::Trained;
@@ -25,6 +28,7 @@ pub fn trained(trained: &Trained) -> String {
         ),
     );
     fit(&mut text, &model.fit);
+    certificate(&mut text, &model.certificate);
     let times: Vec<_> = trained
         .times
         .iter()
@@ -74,9 +78,14 @@ pub fn inspected(model: &SkillModel) -> String {
     pose(&mut text, "start frame", &model.canonical.start);
     pose(&mut text, "goal frame", &model.canonical.goal_frame);
     pose(&mut text, "goal", &model.canonical.goal);
-    field(&mut text, "position", "m", &model.position);
-    if let Some(orientation) = &model.orientation {
-        field(&mut text, "orientation", "rad", orientation);
+    match &model.policy {
+        Policy::Canonical { position, orientation } => {
+            field(&mut text, "position", "m", position);
+            if let Some(orientation) = orientation {
+                field(&mut text, "orientation", "rad", orientation);
+            }
+        }
+        Policy::Thesis(policy) => thesis(&mut text, policy),
     }
     text.push_str("\nGaussian  prior  phase  mean (position [m], rotation [rad])\n");
     for (k, gaussian) in model.gaussians.iter().enumerate() {
@@ -91,8 +100,11 @@ pub fn inspected(model: &SkillModel) -> String {
         )
         .expect("a string grows");
     }
+    frames(&mut text, &model.frames);
     text.push('\n');
     fit(&mut text, &model.fit);
+    certificate(&mut text, &model.certificate);
+    text.push('\n');
     let provenance = &model.provenance;
     line(
         &mut text,
@@ -110,7 +122,7 @@ pub fn inspected(model: &SkillModel) -> String {
 }
 
 fn line(text: &mut String, label: &str, value: &str) {
-    writeln!(text, "{label:<10} {value}").expect("a string grows");
+    writeln!(text, "{label:<11} {value}").expect("a string grows");
 }
 
 fn pose(text: &mut String, label: &str, pose: &Pose) {
@@ -136,22 +148,55 @@ fn field(text: &mut String, block: &str, unit: &str, field: &FieldModel) {
     }
 }
 
+fn thesis(text: &mut String, policy: &ThesisModel) {
+    writeln!(
+        text,
+        "\nproduct of the frames' Gaussians, γ = {}, δ = {}\ncomponent  potential φ⁰   damping d",
+        policy.metric_scale, policy.huber_threshold
+    )
+    .expect("a string grows");
+    for (k, (potential, damping)) in policy.potentials.iter().zip(&policy.damping).enumerate() {
+        writeln!(text, "{:>9}  {potential:>12.4}  {damping:>10.4}", k + 1).expect("a string grows");
+    }
+}
+
+/// The Gaussians of each frame.
+fn frames(text: &mut String, frames: &[FrameMixture]) {
+    for frame in frames {
+        writeln!(
+            text,
+            "\nseen from `{}`\nGaussian  mean position [m]            2σ along its axes [m]",
+            frame.name
+        )
+        .expect("a string grows");
+        for (k, gaussian) in frame.gaussians.iter().enumerate() {
+            let mean: Vec<_> = gaussian.position_m.iter().map(|x| format!("{x:7.3}")).collect();
+            let n = gaussian.position_m.len();
+            let covariance = DMatrix::from_fn(n, n, |i, j| gaussian.covariance[i][j]);
+            let mut axes: Vec<f64> =
+                covariance.symmetric_eigenvalues().iter().map(|v| 2.0 * v.sqrt()).collect();
+            axes.sort_by(|a, b| b.total_cmp(a));
+            let axes: Vec<_> = axes.iter().map(|x| format!("{x:7.3}")).collect();
+            writeln!(text, "{:>8}  {:<26} {}", k + 1, mean.join(" "), axes.join(" "))
+                .expect("a string grows");
+        }
+    }
+}
+
 fn fit(text: &mut String, fit: &Fit) {
     line(
         text,
         "mixture",
         &format!("{} iterations, log-likelihood {:.4}", fit.em_iterations, fit.em_log_likelihood),
     );
-    field_fit(text, "position", &fit.position);
-    if let Some(orientation) = &fit.orientation {
-        field_fit(text, "rotation", orientation);
+    for program in &fit.programs {
+        program_fit(text, program);
     }
-    let rollouts = &fit.rollouts;
-    text.push_str("\nrollout from the start of        goal error [mm]    [°]   tracking rms [mm]    [°]   path rms [mm]\n");
-    for row in &rollouts.demonstrations {
+    text.push_str("\nfollowed from the start of      goal error [mm]    [°]   tracking rms [mm]    [°]   path rms [mm]\n");
+    for row in &fit.demonstrations {
         writeln!(
             text,
-            "{:<32} {:>15.5} {:>6.4} {:>19.2} {:>6.3} {:>15.2}",
+            "{:<32} {:>14.5} {:>6.4} {:>19.2} {:>6.3} {:>15.2}",
             row.name,
             row.goal_error_m * 1e3,
             row.goal_error_rad.to_degrees(),
@@ -161,31 +206,66 @@ fn fit(text: &mut String, fit: &Fit) {
         )
         .expect("a string grows");
     }
-    text.push('\n');
-    line(
-        text,
-        "rollouts",
-        &format!(
-            "{} of {} random starts reach the goal; largest rise of energy in a step {:.1e}",
-            rollouts.random_starts_reached, rollouts.random_starts, rollouts.energy_rise_max
-        ),
-    );
 }
 
-fn field_fit(text: &mut String, block: &str, fit: &FieldFit) {
+fn program_fit(text: &mut String, fit: &ProgramFit) {
     line(
         text,
-        block,
+        "fit",
         &format!(
-            "{} after {} iterations: residual {:.5}, hinge {:.5}, against the demonstrations at \
-             {:.1} % of the points, Hessian at the goal ≥ {:.2} M, {} repairs",
-            fit.status,
-            fit.iterations,
-            fit.residual,
-            fit.hinge,
-            fit.hinge_violated_share * 100.0,
-            fit.goal_hessian_min_1_s2,
-            fit.repairs
+            "{}: {} after {} iterations, objective {:.5}, residual {:.5}",
+            fit.name, fit.status, fit.iterations, fit.objective, fit.residual
         ),
     );
+    let active: Vec<_> =
+        fit.active.iter().map(|a| format!("{} {}/{}", a.name, a.active, a.count)).collect();
+    line(text, "", &format!("active: {}", active.join(", ")));
+    let figures: Vec<_> =
+        fit.figures.iter().map(|(name, value)| format!("{name} {value:.4}")).collect();
+    if !figures.is_empty() {
+        line(text, "", &figures.join(", "));
+    }
+}
+
+fn certificate(text: &mut String, certificate: &Certificate) {
+    let verdict = if certificate.holds() { "holds" } else { "FAILS" };
+    text.push('\n');
+    line(text, "certificate", verdict);
+    for block in &certificate.blocks {
+        line(
+            text,
+            &format!("  {}", block.name),
+            &format!(
+                "metric between {:.3e} and {:.3e} everywhere; at the goal |M⁻¹∇Φ| = {:.1e}, \
+                 Hessian ≥ {:.2} M",
+                block.metric_eigenvalue_min,
+                block.metric_eigenvalue_max,
+                block.goal_gradient,
+                block.goal_hessian_min_1_s2
+            ),
+        );
+    }
+    for (label, rollouts) in [
+        ("  starts", &certificate.demonstrated_frames),
+        ("  displaced", &certificate.displaced_frames),
+    ] {
+        line(
+            text,
+            label,
+            &format!(
+                "{} of {} reach the goal, worst end {:.4} mm, {:.4}°; energy rises by {:.1e} in a \
+                 step of {} s; the frame map folds on {} ways",
+                rollouts.reached,
+                rollouts.starts,
+                rollouts.goal_error_max_m * 1e3,
+                rollouts.goal_error_max_rad.to_degrees(),
+                rollouts.energy_rise_max,
+                certificate.step_s,
+                rollouts.folded
+            ),
+        );
+    }
+    for failure in &certificate.failures {
+        line(text, "  failed", failure);
+    }
 }

@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use tprmp_model::skill_model::Manifold;
+use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
 use tprmp_rmpflow::field::COMPONENT_CAPACITY;
 
 use crate::error::{LearnerError, read_text};
 
 /// Schema version this module reads.
-pub const SCHEMA: &str = "tprmp-skill/1";
+pub const SCHEMA: &str = "tprmp-skill/2";
 
 /// A skill to be learned. There are no defaults: what is missing is an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,8 +25,10 @@ pub struct Skill {
     pub tool_frame: String,
     /// Frame at which the skill starts.
     pub start_frame: String,
-    /// Frame to which the goal is fixed.
+    /// Frame to which the goal is fixed; the start frame when there is no other.
     pub goal_frame: String,
+    /// Further frames whose Gaussians are learned.
+    pub other_frames: Vec<String>,
     /// Folder of demonstrations, relative to the skill file.
     pub demonstrations: PathBuf,
     /// Smoothing of the demonstrations.
@@ -35,10 +37,19 @@ pub struct Skill {
     pub scale: Scale,
     /// Gaussian mixture.
     pub mixture: Mixture,
-    /// Field of each block.
-    pub field: FieldSettings,
-    /// Rollouts after the fit.
-    pub verification: Verification,
+    /// The policy that is fitted, by name, and its settings.
+    pub fit: FitSettings,
+    /// What the fitted policy is examined for.
+    pub certification: Certification,
+}
+
+/// Which policy is fitted.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum FitSettings {
+    /// One field in canonical coordinates, on which frames act as a map of the space.
+    Canonical(FieldSettings),
+    /// The thesis' policy: a product of Gaussians, Huber potentials, damping by energy.
+    Thesis(ThesisSettings),
 }
 
 /// Savitzky–Golay smoothing.
@@ -70,14 +81,42 @@ pub struct Scale {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mixture {
+    /// What the samples are taken to be drawn from.
+    pub model: MixtureModel,
     /// Gaussians K, without the goal's component.
     pub components: usize,
     /// Where the iterations start.
     pub initialisation: Initialisation,
+    /// How the components are put in order.
+    pub ordering: Ordering,
     /// Iterations.
     pub iterations: u32,
     /// Added to the covariances' diagonal in each iteration [ŷ²].
     pub regularisation: f64,
+    /// Factor on the covariances after the last iteration.
+    pub covariance_scale: f64,
+}
+
+/// What the samples are taken to be drawn from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum MixtureModel {
+    /// Task-parameterised Gaussian mixture: samples in all frames, without their order in time
+    /// [thesis eq. 3.4–3.5].
+    TpGmm,
+    /// Task-parameterised left–right hidden Markov model: the same Gaussians as states that are
+    /// passed in order, none left out.
+    TpLeftRightHmm,
+    /// Time-driven Gaussian mixture: the time is a coordinate beside the canonical ones.
+    TimeDrivenGmm,
+}
+
+/// How the components are put in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Ordering {
+    /// By the mean time of their samples after the last iteration.
+    MeanTime,
+    /// As they were initialised.
+    Initial,
 }
 
 /// Where expectation maximisation starts.
@@ -85,6 +124,8 @@ pub struct Mixture {
 pub enum Initialisation {
     /// Each path is cut into K pieces of equal arc length.
     ArcLength,
+    /// Each path is cut into K pieces of equal time.
+    EqualTime,
     /// Clusters of (phase, coordinates) by k-means, from seeded centres.
     KMeans,
 }
@@ -147,16 +188,53 @@ pub struct FieldSettings {
     pub regularisation_length: f64,
 }
 
-/// Rollouts after the fit.
+/// The thesis' policy.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Verification {
+pub struct ThesisSettings {
+    /// γ: M = γ Σ w̃_k Σ̂_k⁻¹ [thesis eq. 4.5].
+    pub metric_scale: f64,
+    /// δ: distance in standard deviations at which the potential goes from square to cone
+    /// [thesis eq. 4.11].
+    pub huber_threshold: f64,
+    /// ε: least damping coefficient [thesis eq. 4.21].
+    pub damping_min: f64,
+    /// What the dissipated energy is compared with.
+    pub damping_target: DampingTarget,
+    /// Every how many samples of a demonstration enter the fits.
+    pub stride: usize,
+}
+
+/// What the dissipated energy is compared with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DampingTarget {
+    /// The whole energy at the start, once a demonstration [thesis eq. 4.20]: as many equations as
+    /// demonstrations.
+    TotalEnergy,
+    /// The energy lost since the start, at each sample.
+    EnergyProfile,
+}
+
+/// What a fitted policy is examined for; what it fails stands in its model.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Certification {
     /// Longest rollout [s].
     pub horizon_s: f64,
-    /// Random starts.
+    /// Step of the rollouts from random starts, that of a slow controller [s].
+    pub step_s: f64,
+    /// Random starts with the frames of the demonstrations.
     pub random_starts: u32,
+    /// Random starts with displaced frames.
+    pub displaced_starts: u32,
     /// Radius around the demonstrated points in which they lie [ŷ].
     pub random_start_radius: f64,
+    /// How far frames are displaced, as a share of the distance between start frame and goal.
+    pub frame_displacement_share: f64,
+    /// How far frames are turned [rad].
+    pub frame_turn_rad: f64,
+    /// Largest rise of the energy in a step, relative to that at the start.
+    pub energy_rise_max: f64,
     /// A rollout reached the goal when it ends this near [m].
     pub goal_tolerance_m: f64,
     /// … and this near [rad].
@@ -171,7 +249,10 @@ impl Skill {
     /// missing key, or a value outside its range.
     pub fn read(path: &Path) -> Result<Self, LearnerError> {
         let text = read_text(path)?;
-        let skill: Self = ron::from_str(&text).map_err(|e| {
+        // `fit: Canonical(damping_1_s: …)` instead of two pairs of parentheses.
+        let options = ron::Options::default()
+            .with_default_extension(ron::extensions::Extensions::UNWRAP_VARIANT_NEWTYPES);
+        let skill: Self = options.from_str(&text).map_err(|e| {
             LearnerError::syntax(path, e.span.start.line, e.span.start.col, e.code.to_string())
         })?;
         skill
@@ -212,16 +293,30 @@ impl Skill {
                 return Err((key, "expected a name, found an empty one".into()));
             }
         }
-        if self.start_frame == self.goal_frame {
-            let problem = format!("expected another frame than the start's, `{}`", self.goal_frame);
-            return Err(("goal_frame", problem));
+        let mut frames = vec![&self.start_frame, &self.goal_frame];
+        frames.dedup();
+        for name in &self.other_frames {
+            if name.is_empty() || frames.contains(&name) {
+                let problem = format!(
+                    "expected names that differ from each other and those of start and goal, found `{name}`"
+                );
+                return Err(("other_frames", problem));
+            }
+            frames.push(name);
+        }
+        if frames.len() > FRAME_CAPACITY {
+            let problem = format!(
+                "expected at most {FRAME_CAPACITY} frames together, found {}",
+                frames.len()
+            );
+            return Err(("other_frames", problem));
         }
         self.validate_positive()?;
         self.validate_counts()
     }
 
     fn validate_positive(&self) -> Result<(), (&'static str, String)> {
-        let (f, v) = (&self.field, &self.verification);
+        let c = &self.certification;
         let mut positive = vec![
             ("smoothing.window_s", self.smoothing.window_s),
             ("smoothing.rest_speed_share", self.smoothing.rest_speed_share),
@@ -229,37 +324,35 @@ impl Skill {
             ("scale.position_span_min_m", self.scale.position_span_min_m),
             ("scale.orientation_span_min_rad", self.scale.orientation_span_min_rad),
             ("mixture.regularisation", self.mixture.regularisation),
-            ("field.damping_1_s", f.damping_1_s),
-            ("field.activation_width", f.activation_width),
-            ("field.goal_width", f.goal_width),
-            ("field.background_distance", f.background_distance),
-            ("field.metric_scale", f.metric_scale),
-            ("field.softening", f.softening),
-            ("field.background_slope_min", f.background_slope_min),
-            ("field.tube_weight", f.tube_weight),
-            ("field.tube_attraction_1_s", f.tube_attraction_1_s),
-            ("field.tube_speed_min", f.tube_speed_min),
-            ("field.descent_weight", f.descent_weight),
-            ("field.descent_speed", f.descent_speed),
-            ("field.descent_slowdown", f.descent_slowdown),
-            ("field.descent_attraction", f.descent_attraction),
-            ("field.descent_goal_radius", f.descent_goal_radius),
-            ("field.grid_margin", f.grid_margin),
-            ("field.goal_hessian_min_1_s2", f.goal_hessian_min_1_s2),
-            ("field.regularisation", f.regularisation),
-            ("field.regularisation_length", f.regularisation_length),
-            ("verification.horizon_s", v.horizon_s),
-            ("verification.random_start_radius", v.random_start_radius),
-            ("verification.goal_tolerance_m", v.goal_tolerance_m),
-            ("verification.goal_tolerance_rad", v.goal_tolerance_rad),
+            ("mixture.covariance_scale", self.mixture.covariance_scale),
+            ("certification.horizon_s", c.horizon_s),
+            ("certification.step_s", c.step_s),
+            ("certification.random_start_radius", c.random_start_radius),
+            ("certification.goal_tolerance_m", c.goal_tolerance_m),
+            ("certification.goal_tolerance_rad", c.goal_tolerance_rad),
         ];
         if self.smoothing.rest_speed_share >= 0.5 {
             let problem =
                 format!("expected a share below 0.5, found {}", self.smoothing.rest_speed_share);
             return Err(("smoothing.rest_speed_share", problem));
         }
-        positive.extend(f.tube_offsets.iter().map(|x| ("field.tube_offsets", *x)));
-        positive.extend(f.goal_rings.iter().map(|x| ("field.goal_rings", *x)));
+        for (key, value) in [
+            ("certification.frame_displacement_share", c.frame_displacement_share),
+            ("certification.frame_turn_rad", c.frame_turn_rad),
+            ("certification.energy_rise_max", c.energy_rise_max),
+        ] {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err((key, format!("expected a number from zero on, found {value}")));
+            }
+        }
+        match &self.fit {
+            FitSettings::Canonical(f) => positive.extend(f.positive()),
+            FitSettings::Thesis(t) => positive.extend([
+                ("fit.metric_scale", t.metric_scale),
+                ("fit.huber_threshold", t.huber_threshold),
+                ("fit.damping_min", t.damping_min),
+            ]),
+        }
         match positive.iter().find(|(_, x)| !(x.is_finite() && *x > 0.0)) {
             None => Ok(()),
             Some((key, x)) => Err((key, format!("expected a positive number, found {x}"))),
@@ -267,23 +360,64 @@ impl Skill {
     }
 
     fn validate_counts(&self) -> Result<(), (&'static str, String)> {
-        let f = &self.field;
-        for (key, count, least, most) in [
+        let mut counts = vec![
             ("smoothing.degree", self.smoothing.degree, 2, 5),
             ("mixture.components", self.mixture.components, 1, COMPONENT_CAPACITY - 1),
             ("mixture.iterations", self.mixture.iterations as usize, 1, 1000),
-            ("field.tube_stride", f.tube_stride, 1, 1000),
-            ("field.descent_stride", f.descent_stride, 1, 1000),
-            ("field.grid_points_per_axis", f.grid_points_per_axis, 2, 100),
-            ("field.grid_points_random", f.grid_points_random, 1, 10_000),
-            ("field.goal_ring_points", f.goal_ring_points, 3, 100),
-            ("verification.random_starts", self.verification.random_starts as usize, 0, 10_000),
-        ] {
+            ("certification.random_starts", self.certification.random_starts as usize, 0, 10_000),
+            (
+                "certification.displaced_starts",
+                self.certification.displaced_starts as usize,
+                0,
+                10_000,
+            ),
+        ];
+        match &self.fit {
+            FitSettings::Canonical(f) => counts.extend([
+                ("fit.tube_stride", f.tube_stride, 1, 1000),
+                ("fit.descent_stride", f.descent_stride, 1, 1000),
+                ("fit.grid_points_per_axis", f.grid_points_per_axis, 2, 100),
+                ("fit.grid_points_random", f.grid_points_random, 1, 10_000),
+                ("fit.goal_ring_points", f.goal_ring_points, 3, 100),
+            ]),
+            FitSettings::Thesis(t) => counts.push(("fit.stride", t.stride, 1, 1000)),
+        }
+        for (key, count, least, most) in counts {
             if !(least..=most).contains(&count) {
                 return Err((key, format!("expected {least} to {most}, found {count}")));
             }
         }
         Ok(())
+    }
+}
+
+impl FieldSettings {
+    /// The values that have to be positive, and their keys.
+    fn positive(&self) -> Vec<(&'static str, f64)> {
+        let mut values = vec![
+            ("fit.damping_1_s", self.damping_1_s),
+            ("fit.activation_width", self.activation_width),
+            ("fit.goal_width", self.goal_width),
+            ("fit.background_distance", self.background_distance),
+            ("fit.metric_scale", self.metric_scale),
+            ("fit.softening", self.softening),
+            ("fit.background_slope_min", self.background_slope_min),
+            ("fit.tube_weight", self.tube_weight),
+            ("fit.tube_attraction_1_s", self.tube_attraction_1_s),
+            ("fit.tube_speed_min", self.tube_speed_min),
+            ("fit.descent_weight", self.descent_weight),
+            ("fit.descent_speed", self.descent_speed),
+            ("fit.descent_slowdown", self.descent_slowdown),
+            ("fit.descent_attraction", self.descent_attraction),
+            ("fit.descent_goal_radius", self.descent_goal_radius),
+            ("fit.grid_margin", self.grid_margin),
+            ("fit.goal_hessian_min_1_s2", self.goal_hessian_min_1_s2),
+            ("fit.regularisation", self.regularisation),
+            ("fit.regularisation_length", self.regularisation_length),
+        ];
+        values.extend(self.tube_offsets.iter().map(|x| ("fit.tube_offsets", *x)));
+        values.extend(self.goal_rings.iter().map(|x| ("fit.goal_rings", *x)));
+        values
     }
 }
 

@@ -4,31 +4,29 @@ use std::path::Path as FilePath;
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
-use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use nalgebra::{SMatrix, SVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model::{
-    FieldFit, FieldModel, Fit, Gaussian, Provenance, Rollouts, SkillModel, Source,
+    Certificate, DemonstrationRollout, FieldModel, Fit, Policy, ProgramFit, Provenance, SkillModel,
+    Source,
 };
 
-use crate::canonical::{CanonicalSet, canonicalise};
+use crate::canonical::{CanonicalSet, canonicalise, mean_start};
+use crate::certify::Examiner;
 use crate::components::{self, Choice, Components};
 use crate::demonstration::{self, Demonstration};
-use crate::em::{Mixture, PhaseSamples, maximise, phase_samples};
 use crate::error::LearnerError;
-use crate::fit::{fit, shape};
-use crate::k_means;
+use crate::fit::{STRAY_ATTRACTORS, fit, shape};
+use crate::policy::Learned;
 use crate::savitzky_golay::Path;
-use crate::skill::{Initialisation, Skill};
+use crate::skill::{FieldSettings, FitSettings, Skill};
 use crate::targets::BlockPath;
-use crate::verify::Verifier;
+use crate::thesis;
+use crate::tp_gmm::{Samples, TpGmm, uninformative_frames};
 
-/// Fewest samples a component must hold on average.
-pub(crate) const SAMPLES_PER_COMPONENT_MIN: usize = 3;
 /// A demonstration is warned of when it is left by more than this share of the skill's span.
 const PATH_SHARE_MAX: f64 = 0.05;
-/// A component with a smaller prior holds no samples.
-pub(crate) const PRIOR_MIN: f64 = 1e-6;
 
 /// A trained model, and how the training went.
 #[derive(Clone, Debug)]
@@ -86,6 +84,7 @@ pub fn train(
         skill.manifold,
         &skill.start_frame,
         &skill.goal_frame,
+        &skill.other_frames,
     )?;
     let started = Instant::now();
     let Some(origin) = components.origin() else {
@@ -114,11 +113,10 @@ pub fn train(
     Ok(trained)
 }
 
-/// Learns a model from demonstrations.
+/// Learns a model from demonstrations, and examines it: its certificate may have failures.
 ///
 /// # Errors
-/// [`LearnerError`]: the demonstrations cannot be learned from, a convex program is not solved, or
-/// a demonstrated start does not reach the goal.
+/// [`LearnerError`]: the demonstrations cannot be learned from, or a convex program is not solved.
 ///
 /// # Panics
 /// When there is no demonstration.
@@ -129,70 +127,42 @@ pub fn learn(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Trained, LearnerError> {
     let mut clock = Clock { since: Instant::now(), times: Vec::new(), progress };
+    let demonstrations = &with_start(skill, demonstrations);
     let set = canonicalise(demonstrations, &skill.smoothing, &skill.scale)?;
     clock.step("canonical coordinates");
-
-    let dimension = skill.manifold.position_dimension();
-    let has_orientation = skill.manifold.has_orientation();
-    let paths = |rotation: bool| -> Vec<&Path> {
-        set.demonstrations
-            .iter()
-            .map(|d| if rotation { &d.rotation } else { &d.position })
-            .collect()
-    };
-    let scales = set.scales;
-    let (mixture, phase_length) = mixture(skill, &set, seed)?;
+    let samples = Samples::new(skill, demonstrations, &set);
+    let mixture = samples.learn(skill, skill.mixture.components, seed)?;
     clock.step("mixture");
 
-    let field = |block, first, random: &mut ChaCha8Rng| {
-        let rotation = first > 0;
-        let scale = scales[usize::from(rotation)];
-        let goal = if rotation { DVec3::ZERO } else { set.map.canonical().goal.position };
-        let part = BlockPart { block, paths: paths(rotation), scale, goal, first };
-        if !rotation && dimension == 2 {
-            part.fit::<2>(skill, &mixture, random)
-        } else {
-            part.fit::<3>(skill, &mixture, random)
+    let frames = mixture.stored_frames(skill, set.scales);
+    let (policy, programs) = match &skill.fit {
+        FitSettings::Canonical(settings) => {
+            let parts = CanonicalParts { skill, settings, mixture: &mixture, set: &set };
+            parts.fit(demonstrations, seed, &mut clock)?
+        }
+        FitSettings::Thesis(settings) => {
+            let fitted = thesis::fit(&frames, skill, settings, demonstrations, &set)?;
+            clock.step("potential and damping");
+            fitted
         }
     };
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let (position, position_fit) = field("position", 0, &mut random)?;
-    clock.step("position field");
-    let mut orientation = None;
-    if has_orientation {
-        orientation = Some(field("orientation", dimension, &mut random)?);
-        clock.step("orientation field");
-    }
-    let (orientation, orientation_fit) = orientation.unzip();
-
-    let verifier = Verifier::new(&set.map, &position, orientation.as_ref(), &skill.verification);
-    let radii = scales.map(|s| skill.verification.random_start_radius / s);
-    let told = &mut *clock.progress;
-    let rollouts =
-        verifier.verify(demonstrations, &set, radii, &mut random, &mut || told("rollout"))?;
-    clock.step("rollouts");
-
-    let fits: Vec<_> = std::iter::once(("position", &position_fit))
-        .chain(orientation_fit.as_ref().map(|fit| ("orientation", fit)))
-        .collect();
-    let warnings = warnings(&fits, &rollouts, skill.scale.span / scales[0]);
-    let model = SkillModel {
+    let mut model = SkillModel {
         skill: skill.skill.clone(),
         manifold: skill.manifold,
         tool_frame: skill.tool_frame.clone(),
         start_frame: skill.start_frame.clone(),
         goal_frame: skill.goal_frame.clone(),
         canonical: (*set.map.canonical()).into(),
-        gaussians: gaussians(skill, &mixture, phase_length, scales),
+        gaussians: mixture.stored_canonical(skill, set.scales),
+        frames,
+        policy,
         fit: Fit {
             em_iterations: skill.mixture.iterations,
             em_log_likelihood: mixture.log_likelihoods[mixture.log_likelihoods.len() - 1],
-            position: position_fit,
-            orientation: orientation_fit,
-            rollouts,
+            programs,
+            demonstrations: Vec::new(),
         },
-        position,
-        orientation,
+        certificate: Certificate::none(),
         provenance: Provenance {
             tool_version: env!("CARGO_PKG_VERSION").into(),
             seed,
@@ -203,69 +173,112 @@ pub fn learn(
             hyper_parameters: skill.values(),
         },
     };
+
+    let unexamined = model.clone();
+    let policy = Learned::new(&unexamined)?;
+    let examiner = Examiner::new(skill, demonstrations, &set, &policy);
+    model.fit.demonstrations = examiner.follow_demonstrations();
+    clock.step("demonstrated starts");
+    let stray = figure_sum(&model.fit.programs, STRAY_ATTRACTORS) as u32;
+    let told = &mut *clock.progress;
+    model.certificate =
+        examiner.certify(&model.fit.demonstrations, stray, seed, &mut || told("random starts"));
+    clock.step("certificate");
+
+    let mut warnings = uninformative_frames(skill, demonstrations);
+    let span_m = skill.scale.span / set.scales[0];
+    warnings.extend(fit_warnings(&model.fit.programs, &model.fit.demonstrations, span_m));
     let samples = demonstrations.iter().map(|d| d.poses.len()).sum();
     Ok(Trained { model, warnings, times: clock.times, samples, choice: None })
 }
 
-/// The demonstrations in normalised position ⊕ orientation, without the phase.
-pub(crate) fn joint_paths(skill: &Skill, set: &CanonicalSet) -> Vec<Vec<DVector<f64>>> {
-    let dimension = skill.manifold.position_dimension();
-    set.demonstrations
-        .iter()
-        .map(|d| {
-            let pairs = d.position.points.iter().zip(&d.rotation.points);
-            let joined = pairs.map(|(position, rotation)| {
-                let position = position.to_array().map(|x| x * set.scales[0]);
-                let rotation = rotation.to_array().map(|x| x * set.scales[1]);
-                let all = position[..dimension].iter().chain(&rotation).copied();
-                DVector::from_iterator(
-                    skill.manifold.dimension(),
-                    all.take(skill.manifold.dimension()),
-                )
-            });
-            joined.collect()
-        })
-        .collect()
+/// Demonstrations whose start frame is fixed to the goal frame, for skills that have no other.
+pub(crate) fn with_start(skill: &Skill, demonstrations: &[Demonstration]) -> Vec<Demonstration> {
+    let mut demonstrations = demonstrations.to_vec();
+    if skill.start_frame == skill.goal_frame {
+        let start = mean_start(&demonstrations);
+        for demonstration in &mut demonstrations {
+            demonstration.start = demonstration.goal_frame.compose(&start);
+        }
+    }
+    demonstrations
 }
 
-/// Samples with their phase and `components` pieces to start from.
-pub(crate) fn initialised(
-    joint: &[Vec<DVector<f64>>],
-    components: usize,
-    initialisation: Initialisation,
-    seed: u64,
-) -> PhaseSamples {
-    let mut data = phase_samples(joint, components);
-    if initialisation == Initialisation::KMeans {
-        // A stream of its own: the random points of the fit stay what they are.
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        random.set_stream(1);
-        data.responsibilities = k_means::responsibilities(&data.samples, components, &mut random);
-    }
-    data
+/// Sum over programs of a figure that some of them have.
+fn figure_sum(programs: &[ProgramFit], name: &str) -> f64 {
+    let all = programs.iter().flat_map(|program| &program.figures);
+    all.filter(|(figure, _)| figure == name).map(|(_, value)| value).sum()
 }
 
-/// The mixture over normalised position ⊕ orientation, and the length that phase one stands for.
-fn mixture(skill: &Skill, set: &CanonicalSet, seed: u64) -> Result<(Mixture, f64), LearnerError> {
-    let joint = joint_paths(skill, set);
-    let components = skill.mixture.components;
-    let samples: usize = joint.iter().map(Vec::len).sum();
-    let too_many = |problem: String| LearnerError::Mixture { components, problem };
-    if samples < SAMPLES_PER_COMPONENT_MIN * components {
-        return Err(too_many(format!("the demonstrations have only {samples} samples together")));
+/// What the canonical policy is fitted from.
+struct CanonicalParts<'a> {
+    skill: &'a Skill,
+    settings: &'a FieldSettings,
+    mixture: &'a TpGmm,
+    set: &'a CanonicalSet,
+}
+
+impl CanonicalParts<'_> {
+    /// Fits the fields of position and orientation.
+    fn fit(
+        &self,
+        demonstrations: &[Demonstration],
+        seed: u64,
+        clock: &mut Clock,
+    ) -> Result<(Policy, Vec<ProgramFit>), LearnerError> {
+        let manifold = self.skill.manifold;
+        let names: Vec<&str> = demonstrations.iter().map(|d| d.name.as_str()).collect();
+        let shown = &self.set.demonstrations;
+        // Each block has a stream of random numbers of its own, so that they can be fitted at once.
+        let random = |stream| {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            random.set_stream(stream);
+            random
+        };
+        let position = || {
+            let part = BlockPart {
+                name: "position field",
+                paths: shown.iter().map(|d| d.position.clone()).collect(),
+                scale: self.set.scales[0],
+                goal: self.set.map.canonical().goal.position,
+                first: 0,
+            };
+            if manifold.position_dimension() == 2 {
+                part.fit::<2>(self, &names, &mut random(0))
+            } else {
+                part.fit::<3>(self, &names, &mut random(0))
+            }
+        };
+        let orientation = || {
+            let part = BlockPart {
+                name: "orientation field",
+                paths: shown.iter().map(|d| d.rotation.clone()).collect(),
+                scale: self.set.scales[1],
+                goal: DVec3::ZERO,
+                first: manifold.position_dimension(),
+            };
+            manifold.has_orientation().then(|| part.fit::<3>(self, &names, &mut random(3)))
+        };
+        let (position, orientation) = rayon::join(position, orientation);
+        let (position, figures) = position?;
+        let mut programs = vec![figures];
+        let orientation = match orientation {
+            None => None,
+            Some(fitted) => {
+                let (field, figures) = fitted?;
+                programs.push(figures);
+                Some(field)
+            }
+        };
+        clock.step("fields");
+        Ok((Policy::Canonical { position, orientation }, programs))
     }
-    let data = initialised(&joint, components, skill.mixture.initialisation, seed);
-    let mixture = maximise(&data, skill.mixture.iterations, skill.mixture.regularisation);
-    if let Some(k) = mixture.priors.iter().position(|prior| *prior < PRIOR_MIN) {
-        return Err(too_many(format!("component {} holds no samples", k + 1)));
-    }
-    Ok((mixture, data.length))
 }
 
 /// One block of the joint coordinates.
-struct BlockPart<'a> {
-    block: &'static str,
-    paths: Vec<&'a Path>,
+struct BlockPart {
+    name: &'static str,
+    paths: Vec<Path>,
     /// ŷ = scale · y.
     scale: f64,
     goal: DVec3,
@@ -273,15 +286,14 @@ struct BlockPart<'a> {
     first: usize,
 }
 
-impl BlockPart<'_> {
+impl BlockPart {
     fn fit<const D: usize>(
         &self,
-        skill: &Skill,
-        mixture: &Mixture,
+        parts: &CanonicalParts,
+        names: &[&str],
         random: &mut ChaCha8Rng,
-    ) -> Result<(FieldModel, FieldFit), LearnerError> {
-        // The mixture's first coordinate is the phase.
-        let at = 1 + self.first;
+    ) -> Result<(FieldModel, ProgramFit), LearnerError> {
+        let at = self.first;
         let normalised =
             |y: &DVec3| SVector::<f64, D>::from_fn(|i, _| y.to_array()[i] * self.scale);
         let all = |points: &[DVec3]| points.iter().map(normalised).collect();
@@ -294,15 +306,22 @@ impl BlockPart<'_> {
                 accelerations: all(&path.accelerations),
             })
             .collect();
+        let gaussians = &parts.mixture.canonical;
         let means: Vec<_> =
-            mixture.means.iter().map(|m| SVector::<f64, D>::from_fn(|i, _| m[at + i])).collect();
-        let covariances: Vec<_> = mixture
-            .covariances
+            gaussians.iter().map(|g| SVector::<f64, D>::from_fn(|i, _| g.mean[at + i])).collect();
+        let covariances: Vec<_> = gaussians
             .iter()
-            .map(|c| SMatrix::<f64, D, D>::from_fn(|i, j| c[(at + i, at + j)]))
+            .map(|g| SMatrix::<f64, D, D>::from_fn(|i, j| g.covariance[(at + i, at + j)]))
             .collect();
-        let shape = shape(&means, &covariances, &normalised(&self.goal), &skill.field);
-        let fitted = fit(self.block, shape, &paths, &skill.field, random)?;
+        let settings = parts.settings;
+        let shape = shape(&means, &covariances, &normalised(&self.goal), settings);
+        let before = random.clone();
+        let fitted = fit(self.name, shape.clone(), &paths, settings, random);
+        let fitted = blaming(fitted, names, |left_out| {
+            let mut others = paths.clone();
+            others.remove(left_out);
+            fit(self.name, shape.clone(), &others, settings, &mut before.clone()).is_ok()
+        })?;
         let (mut field, figures) = fitted.physical(self.scale);
         // Scaled there and back the goal may be a rounding error away.
         let goal = field.components.last_mut().expect("the goal has a component");
@@ -311,47 +330,39 @@ impl BlockPart<'_> {
     }
 }
 
-/// The mixture in physical coordinates, without its phase and with its regularisation.
-fn gaussians(
-    skill: &Skill,
-    mixture: &Mixture,
-    phase_length: f64,
-    scales: [f64; 2],
-) -> Vec<Gaussian> {
-    let n = skill.manifold.dimension();
-    let position = skill.manifold.position_dimension();
-    let scale = |i: usize| scales[usize::from(i >= position)];
-    let parts = mixture.priors.iter().zip(&mixture.means).zip(&mixture.covariances);
-    parts
-        .map(|((prior, mean), covariance)| {
-            let regular =
-                covariance + DMatrix::identity(n + 1, n + 1) * skill.mixture.regularisation;
-            let entry = |i: usize, j: usize| regular[(i + 1, j + 1)] / (scale(i) * scale(j));
-            Gaussian {
-                prior: *prior,
-                phase: mean[0] / phase_length,
-                mean: (0..n).map(|i| mean[i + 1] / scale(i)).collect(),
-                covariance: (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect(),
-            }
-        })
-        .collect()
+/// Names the demonstrations without any one of which a program that failed is solved.
+pub(crate) fn blaming<T>(
+    fitted: Result<T, LearnerError>,
+    names: &[&str],
+    is_solved_without: impl Fn(usize) -> bool,
+) -> Result<T, LearnerError> {
+    fitted.map_err(|error| match error {
+        LearnerError::NotSolved { program, status, iterations, .. } => {
+            let causes = if names.len() == 1 {
+                vec![names[0].to_owned()]
+            } else {
+                let causing = (0..names.len()).filter(|i| is_solved_without(*i));
+                causing.map(|i| names[i].to_owned()).collect()
+            };
+            LearnerError::NotSolved { program, status, iterations, causes }
+        }
+        other => other,
+    })
 }
 
-fn warnings(fits: &[(&str, &FieldFit)], rollouts: &Rollouts, span_m: f64) -> Vec<String> {
+fn fit_warnings(
+    programs: &[ProgramFit],
+    demonstrations: &[DemonstrationRollout],
+    span_m: f64,
+) -> Vec<String> {
     let mut warnings = Vec::new();
-    for (block, fit) in fits {
-        if fit.status != "Solved" {
-            warnings.push(format!(
-                "the {block} field was solved to a reduced accuracy only ({})",
-                fit.status
-            ));
-        }
+    for program in programs.iter().filter(|program| program.status != "Solved") {
+        warnings.push(format!(
+            "the {} was solved to a reduced accuracy only ({})",
+            program.name, program.status
+        ));
     }
-    for (block, fit) in fits.iter().filter(|(_, fit)| fit.stray_attractors > 0) {
-        let count = fit.stray_attractors;
-        warnings.push(format!("the {block} field keeps {count} attractors besides the goal"));
-    }
-    for row in &rollouts.demonstrations {
+    for row in demonstrations {
         if row.path_rms_m > PATH_SHARE_MAX * span_m {
             warnings.push(format!(
                 "`{}` is left by {:.1} mm (rms) where {span_m:.2} m are spanned: does it \
@@ -360,13 +371,6 @@ fn warnings(fits: &[(&str, &FieldFit)], rollouts: &Rollouts, span_m: f64) -> Vec
                 row.path_rms_m * 1e3
             ));
         }
-    }
-    let missed = rollouts.random_starts - rollouts.random_starts_reached;
-    if missed > 0 {
-        let starts = rollouts.random_starts;
-        warnings.push(format!(
-            "{missed} of {starts} random starts around the demonstrations do not reach the goal"
-        ));
     }
     warnings
 }

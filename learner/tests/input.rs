@@ -89,7 +89,7 @@ fn quaternions_that_are_not_unit_are_named_and_nearly_unit_ones_normalised() {
 #[test]
 fn frames_that_are_missing_or_unknown_are_named() {
     let missing = text(Manifold::R2).replace("\"end\":", "\"box\":");
-    refused(&missing, &["frames.box", "unknown", "`start` and `end`"]);
+    refused(&missing, &["frames.end", "found only [box, start]"]);
     let lines: Vec<_> = text(Manifold::R2)
         .lines()
         .filter(|line| !line.starts_with("\"end\""))
@@ -145,23 +145,38 @@ fn demonstrations_of_a_folder_belong_together() {
     let folder = Folder::new("together");
     let path = folder.path().to_owned();
     let say = |skill: &str, manifold| {
-        read_folder(&path, skill, manifold, "start", "end").unwrap_err().to_string()
+        read_folder(&path, skill, manifold, "start", "end", &[]).unwrap_err().to_string()
     };
     assert!(say("made_up", Manifold::R2).contains("at least one"));
     folder.demonstrations(".", &arcs(Manifold::R2));
-    let all = read_folder(&path, "made_up", Manifold::R2, "start", "end").unwrap();
+    let all = read_folder(&path, "made_up", Manifold::R2, "start", "end", &[]).unwrap();
     let names: Vec<_> = all.iter().map(|d| d.name.as_str()).collect();
     assert_eq!(names, ["made_up_01.json", "made_up_02.json", "made_up_03.json"]);
     assert!(all.iter().all(|d| d.sha256.len() == 64));
     assert!(say("other", Manifold::R2).contains("key `skill`"));
     assert!(say("made_up", Manifold::R3S3).contains("key `manifold`"));
-    assert!(demonstration::read_folder(&path.join("no"), "", Manifold::R2, "a", "b").is_err());
+    // Frames are just those of the skill.
+    let mut shown = arcs(Manifold::R2);
+    for demonstration in &mut shown {
+        demonstration.other_frames.insert("box".into(), demonstration.goal_frame);
+    }
+    folder.demonstrations("more", &shown);
+    let more = path.join("more");
+    let read =
+        |others: &[String]| read_folder(&more, "made_up", Manifold::R2, "start", "end", others);
+    let unknown = read(&[]).unwrap_err().to_string();
+    assert!(unknown.contains("frames.box") && unknown.contains("other_frames"), "{unknown}");
+    assert_eq!(read(&["box".into()]).unwrap()[0].other_frames.len(), 1);
+    let missing = read(&["box".into(), "lid".into()]).unwrap_err().to_string();
+    assert!(missing.contains("frames.lid"), "{missing}");
+    assert!(demonstration::read_folder(&path.join("no"), "", Manifold::R2, "a", "b", &[]).is_err());
 }
 
 #[test]
 fn the_repository_s_skill_files_are_valid() {
     assert_eq!(Skill::read(&skill_file("pick.ron")).unwrap().manifold, Manifold::R3S3);
     assert_eq!(Skill::read(&skill_file("planar.ron")).unwrap().manifold, Manifold::R2);
+    assert_eq!(Skill::read(&skill_file("planar_thesis.ron")).unwrap().manifold, Manifold::R2);
 }
 
 #[test]
@@ -179,10 +194,14 @@ fn wrong_skill_files_are_refused_by_key_and_place() {
     let missing = say(good.replace("damping_1_s: 8.0,", ""));
     assert!(missing.contains("damping_1_s"), "{missing}");
     let negative = say(good.replace("damping_1_s: 8.0", "damping_1_s: -8.0"));
-    assert!(negative.contains("field.damping_1_s") && negative.contains("-8"), "{negative}");
+    assert!(negative.contains("fit.damping_1_s") && negative.contains("-8"), "{negative}");
     let many = say(good.replace("components: 9", "components: 900"));
     assert!(many.contains("mixture.components") && many.contains("900"), "{many}");
-    let schema = say(good.replace("tprmp-skill/1", "tprmp-skill/0"));
+    let twice = say(good.replace("other_frames: []", "other_frames: [\"end\"]"));
+    assert!(twice.contains("other_frames") && twice.contains("`end`"), "{twice}");
+    let model = say(good.replace("TimeDrivenGmm,", "Hmm,"));
+    assert!(model.contains("Hmm") && model.contains("TpLeftRightHmm"), "{model}");
+    let schema = say(good.replace("tprmp-skill/2", "tprmp-skill/0"));
     assert!(schema.contains("key `schema`"), "{schema}");
     let text = say(good.replace("components: 9", "components: nine"));
     assert!(text.contains("line"), "{text}");

@@ -12,7 +12,7 @@ use tprmp_learner::error::LearnerError;
 use tprmp_learner::report;
 use tprmp_learner::skill::{Initialisation, Skill};
 use tprmp_learner::train::{Trained, learn, train};
-use tprmp_model::skill_model::{self, Manifold, to_text};
+use tprmp_model::skill_model::{self, FieldModel, Manifold, Policy, to_text};
 
 fn skill(template: &str) -> Skill {
     let folder = Folder::new(&format!("skill-{template}-{:?}", std::thread::current().id()));
@@ -23,26 +23,39 @@ fn learned(template: &str, shown: &[Demonstration]) -> Result<Trained, LearnerEr
     learn(&skill(template), shown, 1, &mut |_| {})
 }
 
+/// The orientation field of a canonical model.
+fn orientation(trained: &Trained) -> Option<&FieldModel> {
+    match &trained.model.policy {
+        Policy::Canonical { orientation, .. } => orientation.as_ref(),
+        Policy::Thesis(_) => panic!("a canonical model"),
+    }
+}
+
 #[track_caller]
 fn check(trained: &Trained, rms_max_m: f64, rms_max_rad: f64) {
-    let fit = &trained.model.fit;
-    assert_eq!(fit.position.status, "Solved");
-    assert!(fit.position.goal_hessian_min_1_s2 > 5.999);
-    let rollouts = &fit.rollouts;
-    for row in &rollouts.demonstrations {
+    let (fit, certificate) = (&trained.model.fit, &trained.model.certificate);
+    assert!(certificate.holds(), "{:?}", certificate.failures);
+    for (program, block) in fit.programs.iter().zip(&certificate.blocks) {
+        assert_eq!(program.status, "Solved");
+        assert!(block.goal_hessian_min_1_s2 > 5.99 && block.goal_gradient < 1e-9, "{block:?}");
+        assert!(block.metric_eigenvalue_min > 0.0);
+    }
+    for row in &fit.demonstrations {
         assert!(row.goal_error_m < 1e-5 && row.goal_error_rad < 1e-4, "{row:?}");
         assert!(row.tracking_rms_m < rms_max_m && row.tracking_rms_rad < rms_max_rad, "{row:?}");
         assert!(row.path_rms_m < 0.004, "{row:?}");
     }
-    assert_eq!(rollouts.random_starts_reached, rollouts.random_starts);
-    assert!(rollouts.energy_rise_max < 1e-12, "{}", rollouts.energy_rise_max);
+    for rollouts in [&certificate.demonstrated_frames, &certificate.displaced_frames] {
+        assert_eq!((rollouts.starts, rollouts.reached), (20, 20));
+        assert!(rollouts.energy_rise_max < 1e-12, "{}", rollouts.energy_rise_max);
+    }
 }
 
 #[test]
 fn a_planar_skill_is_learned() {
     let trained = learned("planar.ron", &arcs(Manifold::R2)).unwrap();
     check(&trained, 0.006, 0.0_f64.next_up());
-    assert!(trained.model.orientation.is_none());
+    assert!(orientation(&trained).is_none());
     assert_eq!(trained.model.gaussians.len(), 9);
 }
 
@@ -67,8 +80,7 @@ fn frames_of_a_planar_skill_may_point_anywhere() {
 fn a_skill_of_poses_is_learned() {
     let trained = learned("pick.ron", &arcs(Manifold::R3S3)).unwrap();
     check(&trained, 0.01, 0.01);
-    let orientation = trained.model.orientation.as_ref().unwrap();
-    assert_eq!(orientation.components.last().unwrap().mean, [0.0; 3]);
+    assert_eq!(orientation(&trained).unwrap().components.last().unwrap().mean, [0.0; 3]);
     assert_eq!(trained.model.gaussians[0].mean.len(), 6);
 }
 
@@ -84,9 +96,9 @@ fn an_orientation_that_hardly_moves_still_has_a_strict_attractor() {
     }
     let trained = learned("pick.ron", &shown).unwrap();
     check(&trained, 0.01, 0.05);
-    let fit = trained.model.fit.orientation.unwrap();
-    assert!(fit.goal_hessian_min_1_s2 > 5.999);
-    assert!(fit.length_scale < 3.0, "noise is not blown up: {}", fit.length_scale);
+    let figures = &trained.model.fit.programs[1].figures;
+    let scale = figures.iter().find(|(name, _)| name == "normalised units a unit").unwrap().1;
+    assert!(scale < 3.0, "noise is not blown up: {scale}");
 }
 
 #[test]
@@ -111,7 +123,7 @@ fn quaternions_of_either_sign_give_the_same_model() {
     }
     shown[2].goal_frame.orientation = -shown[2].goal_frame.orientation;
     let after = learned("pick.ron", &shown).unwrap();
-    let mean = |t: &Trained| t.model.orientation.as_ref().unwrap().components[0].mean.clone();
+    let mean = |t: &Trained| orientation(t).unwrap().components[0].mean.clone();
     for (a, b) in mean(&before).iter().zip(mean(&after)) {
         assert!((a - b).abs() < 1e-9);
     }
@@ -167,10 +179,7 @@ fn the_number_of_gaussians_is_chosen_by_the_criterion() {
     assert_eq!(value("mixture.components"), Some(choice.components.to_string()));
     assert_eq!(value("mixture.components_origin").unwrap(), "BIC among 2 to 12");
     let again = train(&file, Components::Count(choice.components), 1, &mut |_| {}).unwrap();
-    assert_eq!(
-        (&model.position, &model.gaussians),
-        (&again.model.position, &again.model.gaussians)
-    );
+    assert_eq!((&model.policy, &model.gaussians), (&again.model.policy, &again.model.gaussians));
     assert!(again.choice.is_none());
     assert_eq!(to_text(model), to_text(&auto(2, 12).unwrap().model));
     let said = report::trained(&trained);
@@ -234,7 +243,7 @@ fn the_command_trains_inspects_and_says_what_is_wrong() {
     let trained = learner(&["train", file, "--out", out, "--seed", "3"]);
     let said = String::from_utf8(trained.stdout).unwrap();
     assert!(trained.status.success(), "{}", String::from_utf8_lossy(&trained.stderr));
-    assert!(said.contains("made_up_02.json") && said.contains("20 of 20 random starts"), "{said}");
+    assert!(said.contains("made_up_02.json") && said.contains("20 of 20 reach the goal"), "{said}");
 
     let inspected = learner(&["inspect", out]);
     let said = String::from_utf8(inspected.stdout).unwrap();

@@ -1,14 +1,15 @@
 //! The frozen model of a learned skill: its schema, reader, writer and validation.
 //!
-//! The file is RON text, `(schema: "tprmp-model/1", checksum: "sha256:…", body: (…))`. The checksum
+//! The file is RON text, `(schema: "tprmp-model/2", checksum: "sha256:…", body: (…))`. The checksum
 //! is the SHA-256 of the body, serialised compactly by `ron::to_string`, so that comments and
 //! layout may change, numbers may not.
 //!
-//! All numbers live in *canonical coordinates*: the space in which all demonstrations share their
-//! start frame and goal frame [m], and, for the orientation, the rotation vector at the goal,
+//! *Canonical coordinates* are those of the space in which all demonstrations share their start
+//! frame and goal frame [m], and, for the orientation, the rotation vector at the goal,
 //! `q_y = q_g · exp(y_r)` [rad, full angle]. So the goal of the orientation block is `y_r = 0`.
 //!
-//! Each block is a field (`v_k = y − μ_k`, `G` the last component, `0` the background):
+//! The canonical policy has a field for each block (`v_k = y − μ_k`, `G` the last component, `0`
+//! the background):
 //!
 //! ```text
 //! e_k = exp(−½ v_kᵀ Λ_k v_k),  ε₀ = exp(exponent),  w_k = e_k / (Σe + ε₀),  w_0 = ε₀ / (Σe + ε₀)
@@ -18,18 +19,25 @@
 //! ```
 //!
 //! Φ and M are divided by the goal's metric, so that `M_G = I`: no acceleration changes.
+//!
+//! The thesis' policy multiplies the Gaussians of all frames in the world [thesis eq. 3.6] and has
+//! Huber potentials [4.10–4.11], the metric 4.5 and the damping 4.17 on them; see
+//! `tprmp_rmpflow`.
 
 mod evaluated;
 mod field;
 mod file;
 mod validate;
 
+pub use evaluated::{EvaluationError, product_skill};
 pub use file::{ModelError, read, sha256_hex, to_text, write};
 
 use serde::{Deserialize, Serialize};
 
+pub use tprmp_rmpflow::product_skill::FRAME_CAPACITY;
+
 /// Schema version this crate reads and writes.
-pub const SCHEMA: &str = "tprmp-model/1";
+pub const SCHEMA: &str = "tprmp-model/2";
 
 /// Space in which a skill moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -98,20 +106,72 @@ pub struct SkillModel {
     pub tool_frame: String,
     /// Name of the frame at which the skill starts.
     pub start_frame: String,
-    /// Name of the frame to which the goal is fixed.
+    /// Name of the frame to which the goal is fixed; the start frame when there is no other.
     pub goal_frame: String,
     /// Frames and goal in canonical coordinates.
     pub canonical: Canonical,
-    /// Position field [m].
-    pub position: FieldModel,
-    /// Orientation field [rad]; present exactly when the manifold has an orientation.
-    pub orientation: Option<FieldModel>,
-    /// Mixture over position ⊕ orientation, in order of phase.
+    /// Mixture over canonical position ⊕ orientation, in order.
     pub gaussians: Vec<Gaussian>,
+    /// The same mixture seen from each frame: start, goal, others.
+    pub frames: Vec<FrameMixture>,
+    /// What moves the tool.
+    pub policy: Policy,
     /// How well the model was fitted.
     pub fit: Fit,
+    /// What was proved, and what was tried.
+    pub certificate: Certificate,
     /// Where the model comes from.
     pub provenance: Provenance,
+}
+
+/// The policy of a skill.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Policy {
+    /// Fields in canonical coordinates.
+    Canonical {
+        /// Position field [m].
+        position: FieldModel,
+        /// Orientation field [rad]; present exactly when the manifold has an orientation.
+        orientation: Option<FieldModel>,
+    },
+    /// The thesis': a product of Gaussians.
+    Thesis(ThesisModel),
+}
+
+/// The thesis' policy on the product of the frames' Gaussians.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ThesisModel {
+    /// γ of the metric [thesis eq. 4.5].
+    pub metric_scale: f64,
+    /// δ of the potential [standard deviations, thesis eq. 4.11].
+    pub huber_threshold: f64,
+    /// φ⁰_k, one a component; the last one is zero.
+    pub potentials: Vec<f64>,
+    /// d_k, one a component.
+    pub damping: Vec<f64>,
+}
+
+/// A mixture seen from a frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FrameMixture {
+    /// Name of the frame.
+    pub name: String,
+    /// Its Gaussians, in order.
+    pub gaussians: Vec<FrameGaussian>,
+}
+
+/// A Gaussian over poses seen from a frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FrameGaussian {
+    /// Mean position in the frame [m]; two numbers in the plane.
+    pub position_m: Vec<f64>,
+    /// Mean orientation in the frame, unit quaternion w, x, y, z; for manifolds that have one.
+    pub quaternion_wxyz: Option<[f64; 4]>,
+    /// Covariance of (position in axes of the frame, rotation vector in axes of the mean), rows.
+    pub covariance: Vec<Vec<f64>>,
 }
 
 /// Frames and goal in canonical coordinates.
@@ -196,52 +256,123 @@ pub struct Fit {
     pub em_iterations: u32,
     /// Mean log-likelihood of a sample after the last iteration [nat, normalised coordinates].
     pub em_log_likelihood: f64,
-    /// The position field's convex program.
-    pub position: FieldFit,
-    /// The orientation field's.
-    pub orientation: Option<FieldFit>,
-    /// Rollouts of the model.
-    pub rollouts: Rollouts,
+    /// The convex programs, in the order in which they were solved.
+    pub programs: Vec<ProgramFit>,
+    /// How the demonstrations are followed from their starts, with their frames.
+    pub demonstrations: Vec<DemonstrationRollout>,
 }
 
-/// Figures of one convex program, in normalised coordinates.
+/// Figures of one convex program.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FieldFit {
+pub struct ProgramFit {
+    /// What was fitted, e.g. `position field`.
+    pub name: String,
     /// Solver status, `Solved` or `AlmostSolved`.
     pub status: String,
     /// Iterations of the interior point method.
     pub iterations: u32,
     /// Optimal value of the whole objective.
     pub objective: f64,
-    /// Weighted mean square of the velocity residual [û²/s²].
+    /// The part of it that compares with the demonstrations.
     pub residual: f64,
-    /// Mean violation of the demanded descent.
-    pub hinge: f64,
-    /// Share of the checked points at which the field does not descend along the demonstrations.
-    pub hinge_violated_share: f64,
-    /// Smallest eigenvalue of the Hessian at the goal relative to the metric [1/s²].
-    pub goal_hessian_min_1_s2: f64,
-    /// Normalised units in one physical unit, ŷ = s y.
-    pub length_scale: f64,
-    /// How often the program was solved again to take away stray attractors.
-    pub repairs: u32,
-    /// Attractors besides the goal that were found and are left.
-    pub stray_attractors: u32,
+    /// Constraints that hold with equality.
+    pub active: Vec<ActiveConstraints>,
+    /// What else is known, by name.
+    pub figures: Vec<(String, f64)>,
 }
 
-/// Figures of the rollouts. Rotation figures are zero for skills without an orientation.
+/// How many of a kind of constraints hold with equality.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActiveConstraints {
+    /// What is constrained.
+    pub name: String,
+    /// How many hold with equality.
+    pub active: u32,
+    /// How many there are.
+    pub count: u32,
+}
+
+/// What was proved of a model, and what was tried.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Certificate {
+    /// Why it is not certified; empty when it is.
+    pub failures: Vec<String>,
+    /// Its blocks: position and orientation, or the pose as a whole.
+    pub blocks: Vec<BlockCertificate>,
+    /// Rollouts from random starts with the frames of the demonstrations.
+    pub demonstrated_frames: Rollouts,
+    /// The same with displaced and turned frames.
+    pub displaced_frames: Rollouts,
+    /// Step of these rollouts [s].
+    pub step_s: f64,
+}
+
+/// A block of the policy at its goal, and its metric.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BlockCertificate {
+    /// `position`, `orientation` or `pose`.
+    pub name: String,
+    /// No eigenvalue of the metric is smaller, anywhere: it is a mean of the components' metrics.
+    pub metric_eigenvalue_min: f64,
+    /// No eigenvalue of the metric is larger, anywhere.
+    pub metric_eigenvalue_max: f64,
+    /// |M⁻¹∇Φ| at the goal [m/s² or rad/s²]: zero when the goal is at rest.
+    pub goal_gradient: f64,
+    /// Smallest eigenvalue of the Hessian at the goal relative to the metric [1/s²]: positive when
+    /// the goal is a strict minimum.
+    pub goal_hessian_min_1_s2: f64,
+}
+
+/// Figures of rollouts from random starts around the demonstrations.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rollouts {
-    /// One row a demonstration.
-    pub demonstrations: Vec<DemonstrationRollout>,
-    /// Random starts around the demonstrations that were tried.
-    pub random_starts: u32,
-    /// Random starts that reached the goal.
-    pub random_starts_reached: u32,
-    /// Largest rise of `Φ + ½ẏᵀMẏ` in a step of 1 ms, relative to its value at the start.
+    /// Starts that were tried.
+    pub starts: u32,
+    /// Starts from which the goal was reached.
+    pub reached: u32,
+    /// Largest final distance to the goal [m].
+    pub goal_error_max_m: f64,
+    /// Largest final angle to the goal [rad].
+    pub goal_error_max_rad: f64,
+    /// Rollouts on whose way the map of the frames folded, because the frames lay too differently
+    /// from the demonstrated ones: there the policy is bounded, but not that of the potential.
+    pub folded: u32,
+    /// Largest rise of `V = Φ + ½ẏᵀMẏ` in a step where the map does not fold, relative to its value
+    /// at the start above that at the goal.
     pub energy_rise_max: f64,
+}
+
+impl Certificate {
+    /// Before anything was examined.
+    #[must_use]
+    pub fn none() -> Self {
+        let rollouts = Rollouts {
+            starts: 0,
+            reached: 0,
+            goal_error_max_m: 0.0,
+            goal_error_max_rad: 0.0,
+            folded: 0,
+            energy_rise_max: 0.0,
+        };
+        Self {
+            failures: vec!["nothing was examined".into()],
+            blocks: Vec::new(),
+            demonstrated_frames: rollouts.clone(),
+            displaced_frames: rollouts,
+            step_s: 0.0,
+        }
+    }
+
+    /// Whether nothing failed.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        self.failures.is_empty()
+    }
 }
 
 /// A rollout from a demonstrated start, with the demonstration's own frames.

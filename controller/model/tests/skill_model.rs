@@ -4,8 +4,10 @@ use std::path::PathBuf;
 
 use nalgebra::Vector2;
 use tprmp_model::skill_model::{
-    Background, Canonical, Component, DemonstrationRollout, FieldFit, FieldModel, Fit, Gaussian,
-    Manifold, ModelError, Pose, Provenance, Rollouts, SkillModel, Source, read, to_text, write,
+    ActiveConstraints, Background, BlockCertificate, Canonical, Certificate, Component,
+    DemonstrationRollout, FieldModel, Fit, FrameGaussian, FrameMixture, Gaussian, Manifold,
+    ModelError, Policy, Pose, ProgramFit, Provenance, Rollouts, SkillModel, Source, ThesisModel,
+    read, to_text, write,
 };
 
 /// A folder of this test alone, removed at its end.
@@ -58,6 +60,22 @@ fn model() -> SkillModel {
         gradient: vec![-potential, 0.0],
         hessian: vec![vec![1.0, 0.2], vec![0.2, 1.0]],
     };
+    let frame = |name: &str| FrameMixture {
+        name: name.into(),
+        gaussians: vec![FrameGaussian {
+            position_m: vec![0.5, 0.0],
+            quaternion_wxyz: None,
+            covariance: vec![vec![0.1, 0.01], vec![0.01, 0.1]],
+        }],
+    };
+    let rollouts = |energy_rise_max| Rollouts {
+        starts: 10,
+        reached: 10,
+        goal_error_max_m: 1e-4,
+        goal_error_max_rad: 0.0,
+        folded: 1,
+        energy_rise_max,
+    };
     SkillModel {
         skill: "line".into(),
         manifold: Manifold::R2,
@@ -70,53 +88,60 @@ fn model() -> SkillModel {
             goal: pose(1.0),
             positions_turn: true,
         },
-        position: FieldModel {
-            damping_1_s: 8.0,
-            components: vec![component(0.3, 1.7, 4.0 / 3.0), component(1.0, 1.0, 0.0)],
-            background: Background {
-                exponent: -10.125,
-                metric: 1.0,
-                offset: 0.0,
-                slope: 2.0,
-                softening: 0.1,
-            },
-        },
-        orientation: None,
         gaussians: vec![Gaussian {
             prior: 1.0,
             phase: 0.5,
             mean: vec![0.5, 0.0],
             covariance: vec![vec![0.1, 0.01], vec![0.01, 0.1]],
         }],
+        frames: ["start", "end"].map(frame).to_vec(),
+        policy: Policy::Canonical {
+            position: FieldModel {
+                damping_1_s: 8.0,
+                components: vec![component(0.3, 1.7, 4.0 / 3.0), component(1.0, 1.0, 0.0)],
+                background: Background {
+                    exponent: -10.125,
+                    metric: 1.0,
+                    offset: 0.0,
+                    slope: 2.0,
+                    softening: 0.1,
+                },
+            },
+            orientation: None,
+        },
         fit: Fit {
             em_iterations: 15,
             em_log_likelihood: 1.5,
-            position: FieldFit {
+            programs: vec![ProgramFit {
+                name: "position field".into(),
                 status: "Solved".into(),
                 iterations: 17,
                 objective: 0.02,
                 residual: 0.01,
-                hinge: 0.0,
-                hinge_violated_share: 0.0,
+                active: vec![ActiveConstraints { name: "descent".into(), active: 3, count: 99 }],
+                figures: vec![("hinge".into(), 0.1)],
+            }],
+            demonstrations: vec![DemonstrationRollout {
+                name: "line_01.json".into(),
+                goal_error_m: 1e-9,
+                goal_error_rad: 0.0,
+                tracking_rms_m: 0.001,
+                tracking_rms_rad: 0.0,
+                path_rms_m: 0.0005,
+            }],
+        },
+        certificate: Certificate {
+            failures: Vec::new(),
+            blocks: vec![BlockCertificate {
+                name: "position".into(),
+                metric_eigenvalue_min: 0.9,
+                metric_eigenvalue_max: 1.7,
+                goal_gradient: 1e-15,
                 goal_hessian_min_1_s2: 6.0,
-                length_scale: 1.0,
-                repairs: 0,
-                stray_attractors: 0,
-            },
-            orientation: None,
-            rollouts: Rollouts {
-                demonstrations: vec![DemonstrationRollout {
-                    name: "line_01.json".into(),
-                    goal_error_m: 1e-9,
-                    goal_error_rad: 0.0,
-                    tracking_rms_m: 0.001,
-                    tracking_rms_rad: 0.0,
-                    path_rms_m: 0.0005,
-                }],
-                random_starts: 10,
-                random_starts_reached: 10,
-                energy_rise_max: 1e-17,
-            },
+            }],
+            demonstrated_frames: rollouts(1e-17),
+            displaced_frames: rollouts(0.0),
+            step_s: 0.01,
         },
         provenance: Provenance {
             tool_version: "0.1.0".into(),
@@ -127,6 +152,24 @@ fn model() -> SkillModel {
     }
 }
 
+/// The position field of a canonical model.
+fn position(model: &mut SkillModel) -> &mut FieldModel {
+    match &mut model.policy {
+        Policy::Canonical { position, .. } => position,
+        Policy::Thesis(_) => panic!("a canonical model"),
+    }
+}
+
+fn thesis() -> SkillModel {
+    let policy = ThesisModel {
+        metric_scale: 0.25,
+        huber_threshold: 2.0,
+        potentials: vec![0.0],
+        damping: vec![1.5],
+    };
+    SkillModel { policy: Policy::Thesis(policy), ..model() }
+}
+
 #[test]
 fn what_is_written_comes_back_and_always_as_the_same_bytes() {
     let folder = Folder::new("round");
@@ -134,7 +177,7 @@ fn what_is_written_comes_back_and_always_as_the_same_bytes() {
     assert_eq!(read(&folder.file()).unwrap(), model());
     let text = std::fs::read_to_string(folder.file()).unwrap();
     assert_eq!(text, to_text(&model()));
-    assert!(text.contains("schema: \"tprmp-model/1\""));
+    assert!(text.contains("schema: \"tprmp-model/2\""));
     let left: Vec<_> = std::fs::read_dir(&folder.0).unwrap().collect();
     assert_eq!(left.len(), 1, "no half-written file stays");
 }
@@ -174,9 +217,9 @@ fn a_changed_number_breaks_the_checksum() {
 #[test]
 fn another_schema_is_told_before_its_body_is_looked_at() {
     let folder = Folder::new("schema");
-    let error = folder.refusal("(schema: \"tprmp-model/2\", checksum: \"\", body: (new: [1, 2]))");
+    let error = folder.refusal("(schema: \"tprmp-model/9\", checksum: \"\", body: (new: [1, 2]))");
     match error {
-        ModelError::Schema { found, .. } => assert_eq!(found, "tprmp-model/2"),
+        ModelError::Schema { found, .. } => assert_eq!(found, "tprmp-model/9"),
         other => panic!("{other}"),
     }
 }
@@ -194,16 +237,16 @@ fn unknown_keys_are_refused() {
 fn numbers_that_are_not_finite_are_named() {
     let folder = Folder::new("finite");
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-        let (key, problem) = folder.invalid(|m| m.position.components[0].gradient[1] = bad);
-        assert_eq!(key, "position.components[0].gradient");
+        let (key, problem) = folder.invalid(|m| position(m).components[0].gradient[1] = bad);
+        assert_eq!(key, "policy.position.components[0].gradient");
         assert!(problem.contains("finite"));
         assert_eq!(
             folder.invalid(|m| m.canonical.goal.position_m[2] = bad).0,
             "canonical.goal.position_m"
         );
         assert_eq!(
-            folder.invalid(|m| m.position.background.slope = bad).0,
-            "position.background.slope"
+            folder.invalid(|m| position(m).background.slope = bad).0,
+            "policy.position.background.slope"
         );
         assert_eq!(folder.invalid(|m| m.gaussians[0].mean[0] = bad).0, "gaussians[0].mean");
     }
@@ -213,12 +256,12 @@ fn numbers_that_are_not_finite_are_named() {
 fn metrics_that_are_not_positive_definite_are_named() {
     let folder = Folder::new("definite");
     let (key, problem) =
-        folder.invalid(|m| m.position.components[0].metric = vec![vec![1.0, 2.0], vec![2.0, 1.0]]);
-    assert_eq!(key, "position.components[0].metric");
+        folder.invalid(|m| position(m).components[0].metric = vec![vec![1.0, 2.0], vec![2.0, 1.0]]);
+    assert_eq!(key, "policy.position.components[0].metric");
     assert!(problem.contains("positive definite"));
     let skew = vec![vec![1.0, 0.2], vec![0.1, 1.0]];
-    let (key, problem) = folder.invalid(|m| m.position.components[0].precision = skew);
-    assert_eq!(key, "position.components[0].precision");
+    let (key, problem) = folder.invalid(|m| position(m).components[0].precision = skew);
+    assert_eq!(key, "policy.position.components[0].precision");
     assert!(problem.contains("symmetric"));
     assert_eq!(
         folder.invalid(|m| m.gaussians[0].covariance[1][1] = -1.0).0,
@@ -229,36 +272,87 @@ fn metrics_that_are_not_positive_definite_are_named() {
 #[test]
 fn the_goal_s_component_is_normalised_and_at_the_goal() {
     let folder = Folder::new("goal");
-    let goal = |key: &str| format!("position.components[1].{key}");
-    assert_eq!(folder.invalid(|m| m.position.components[1].metric[0][0] = 2.0).0, goal("metric"));
-    assert_eq!(folder.invalid(|m| m.position.components[1].potential = 1.0).0, goal("potential"));
-    assert_eq!(folder.invalid(|m| m.position.components[1].gradient[0] = 1.0).0, goal("gradient"));
-    assert_eq!(folder.invalid(|m| m.position.components[1].mean[0] = 0.9).0, "position.components");
+    let goal = |key: &str| format!("policy.position.components[1].{key}");
+    assert_eq!(folder.invalid(|m| position(m).components[1].metric[0][0] = 2.0).0, goal("metric"));
+    assert_eq!(folder.invalid(|m| position(m).components[1].potential = 1.0).0, goal("potential"));
+    assert_eq!(folder.invalid(|m| position(m).components[1].gradient[0] = 1.0).0, goal("gradient"));
+    assert_eq!(
+        folder.invalid(|m| position(m).components[1].mean[0] = 0.9).0,
+        "policy.position.components"
+    );
 }
 
 #[test]
 fn dimensions_names_and_poses_are_checked() {
     let folder = Folder::new("shape");
     assert_eq!(folder.invalid(|m| m.tool_frame.clear()).0, "tool_frame");
-    assert_eq!(folder.invalid(|m| m.manifold = Manifold::R3).0, "position.components[0].mean");
-    assert_eq!(folder.invalid(|m| m.orientation = Some(m.position.clone())).0, "orientation");
-    assert_eq!(folder.invalid(|m| m.position.damping_1_s = 0.0).0, "position.damping_1_s");
+    assert_eq!(folder.invalid(|m| m.manifold = Manifold::R3).0, "gaussians[0].mean");
+    assert_eq!(folder.invalid(|m| position(m).damping_1_s = 0.0).0, "policy.position.damping_1_s");
     assert_eq!(folder.invalid(|m| m.gaussians.clear()).0, "gaussians");
     assert_eq!(
         folder.invalid(|m| m.canonical.start.quaternion_wxyz[0] = 0.9).0,
         "canonical.start.quaternion_wxyz"
     );
     assert_eq!(folder.invalid(|m| m.canonical.start = m.canonical.goal).0, "canonical.goal");
-    let many =
-        |m: &mut SkillModel| m.position.components = vec![m.position.components[0].clone(); 99];
-    assert_eq!(folder.invalid(many).0, "position.components");
+    let many = |m: &mut SkillModel| {
+        let one = position(m).components[0].clone();
+        position(m).components = vec![one; 99];
+    };
+    assert_eq!(folder.invalid(many).0, "policy.position.components");
+}
+
+#[test]
+fn frames_are_checked() {
+    let folder = Folder::new("frames");
+    assert_eq!(folder.invalid(|m| m.frames.truncate(1)).0, "frames");
+    assert_eq!(folder.invalid(|m| m.frames.swap(0, 1)).0, "frames[0].name");
+    let twice = |m: &mut SkillModel| m.frames.push(m.frames[0].clone());
+    assert_eq!(folder.invalid(twice).0, "frames[2].name");
+    assert_eq!(folder.invalid(|m| m.frames[1].gaussians.clear()).0, "frames[1].gaussians");
+    let key = |rest: &str| format!("frames[0].gaussians[0].{rest}");
+    assert_eq!(
+        folder.invalid(|m| m.frames[0].gaussians[0].position_m[1] = f64::NAN).0,
+        key("position_m")
+    );
+    assert_eq!(
+        folder.invalid(|m| m.frames[0].gaussians[0].covariance[0][0] = -1.0).0,
+        key("covariance")
+    );
+    assert_eq!(
+        folder.invalid(|m| m.frames[0].gaussians[0].quaternion_wxyz = Some([1.0, 0.0, 0.0, 0.0])).0,
+        key("quaternion_wxyz")
+    );
+    // One frame for start and goal is enough.
+    let mut single = model();
+    single.start_frame = "end".into();
+    single.frames.remove(0);
+    write(&single, &folder.file()).unwrap();
+}
+
+#[test]
+fn the_thesis_policy_is_stored_too_and_checked() {
+    let folder = Folder::new("thesis");
+    write(&thesis(), &folder.file()).unwrap();
+    assert_eq!(read(&folder.file()).unwrap(), thesis());
+    let invalid = |change: &dyn Fn(&mut ThesisModel)| {
+        folder.invalid(|m| {
+            *m = thesis();
+            if let Policy::Thesis(policy) = &mut m.policy {
+                change(policy);
+            }
+        })
+    };
+    assert_eq!(invalid(&|p| p.metric_scale = 0.0).0, "policy.metric_scale");
+    assert_eq!(invalid(&|p| p.huber_threshold = f64::NAN).0, "policy.huber_threshold");
+    assert_eq!(invalid(&|p| p.potentials.push(1.0)).0, "policy.potentials");
+    assert_eq!(invalid(&|p| p.damping[0] = 0.0).0, "policy.damping[0]");
 }
 
 #[test]
 fn an_invalid_model_is_not_written() {
     let folder = Folder::new("write");
     let mut broken = model();
-    broken.position.background.metric = -1.0;
+    position(&mut broken).background.metric = -1.0;
     let error = write(&broken, &folder.file()).unwrap_err();
     assert!(matches!(error, ModelError::Invalid { .. }));
     assert!(!folder.file().exists());
@@ -268,10 +362,11 @@ fn an_invalid_model_is_not_written() {
 
 #[test]
 fn the_field_is_the_one_that_is_stored() {
-    let stored = model().position;
+    let mut model = model();
+    let stored = position(&mut model);
     let field = stored.field::<2>();
     assert_eq!(field.goal(), Vector2::new(1.0, 0.0));
     let parts = FieldModel::from_parts(field.components(), stored.background.into(), 8.0);
-    assert_eq!(parts, stored);
+    assert_eq!(parts, *stored);
     assert_eq!(field.damping_1_s(), 8.0);
 }

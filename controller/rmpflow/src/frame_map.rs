@@ -104,6 +104,21 @@ impl FrameMotion {
             angular_acceleration: DVec3::ZERO,
         }
     }
+
+    /// The motion of a frame that is fixed to this one, `offset` as seen from it.
+    #[must_use]
+    pub fn carrying(&self, offset: &Pose) -> Self {
+        let lever = self.pose.orientation * offset.position;
+        let (rate, bend) = (self.angular_velocity, self.angular_acceleration);
+        Self {
+            pose: self.pose.compose(offset),
+            linear_velocity: self.linear_velocity + rate.cross(lever),
+            linear_acceleration: self.linear_acceleration
+                + bend.cross(lever)
+                + rate.cross(rate.cross(lever)),
+            ..*self
+        }
+    }
 }
 
 /// The frames all demonstrations share in canonical coordinates.
@@ -255,6 +270,14 @@ impl FrameMap {
             twist: goal_rotation.times(start_rotation.conjugate()).log(),
             moving: motions != [0.0, 0.0],
         }
+    }
+
+    /// Takes in where the only frame of a skill is and how it moves: the start is fixed to it, and
+    /// the whole space moves with it.
+    #[must_use]
+    pub fn displace_rigidly(&self, frame: &FrameMotion) -> Displacement {
+        let start = self.canonical.goal_frame.inverse().compose(&self.canonical.start);
+        self.displace(&frame.carrying(&start), frame)
     }
 
     /// Where a canonical point lies in the world.

@@ -117,6 +117,12 @@ impl<const D: usize> GaussianField<D> {
         &self.components[..self.count]
     }
 
+    /// γ \[s²\].
+    #[must_use]
+    pub fn metric_scale(&self) -> f64 {
+        self.metric_scale
+    }
+
     /// w̃_k, the normalised densities at y; zero beyond the last component  [thesis eq. 4.6].
     ///
     /// Computed by their logarithms, so that they are right however far away y is.

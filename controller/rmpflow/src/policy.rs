@@ -9,7 +9,8 @@ use crate::skill::{Skill, SkillInertia, SkillValue};
 /// A learned policy: immutable.
 #[derive(Debug, Clone)]
 pub enum Policy {
-    /// Fields in canonical coordinates behind a frame map; its frames are start and goal.
+    /// Fields in canonical coordinates behind a frame map; its frames are start and goal, or the
+    /// goal's alone.
     Canonical(Skill),
     /// Products of Gaussians in the plane.
     Plane(ProductSkill<2>),
@@ -34,7 +35,7 @@ impl Policy {
     #[must_use]
     pub fn frame_count(&self) -> usize {
         match self {
-            Self::Canonical(_) => 2,
+            Self::Canonical(skill) => skill.frame_count(),
             Self::Plane(skill) => skill.frame_count(),
             Self::Space(skill) => skill.frame_count(),
             Self::Pose(skill) => skill.frame_count(),
@@ -71,10 +72,9 @@ impl Policy {
     ) -> SkillValue {
         match self {
             Self::Canonical(skill) => {
-                let [start, goal_frame, ..] = frames else {
+                let Some(displacement) = skill.displace(frames) else {
                     return SkillValue::undefined();
                 };
-                let displacement = skill.map.displace(start, goal_frame);
                 let phase = &mut state.phase;
                 skill.evaluate(inertia, &displacement, pose, linear, angular, phase)
             }
@@ -97,7 +97,7 @@ impl Policy {
     pub fn goal(&self, frames: &[FrameMotion], state: &mut PolicyState) -> Pose {
         match self {
             Self::Canonical(skill) => {
-                let [_, goal_frame, ..] = frames else {
+                let Some(goal_frame) = frames.get(skill.frame_count() - 1) else {
                     return Pose::UNDEFINED;
                 };
                 let canonical = skill.map.canonical();
@@ -160,6 +160,7 @@ mod tests {
             map: FrameMap::new(frames).unwrap(),
             position: PositionField::Space(Box::new(field)),
             orientation: None,
+            single_frame: false,
         })
     }
 

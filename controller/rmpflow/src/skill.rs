@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3};
 use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 
 use crate::field::{Field, FieldValue};
-use crate::frame_map::{Displacement, FrameMap, Mapped, Pose};
+use crate::frame_map::{DETERMINANT_MIN, Displacement, FrameMap, FrameMotion, Mapped, Pose};
 use crate::natural::Natural;
 
 /// The field of the position: in the plane z = const, or in space.
@@ -26,6 +26,8 @@ pub struct Skill {
     pub position: PositionField,
     /// Orientation chart, with unit inertia at the goal; `None` when orientation is free.
     pub orientation: Option<Box<Field<3>>>,
+    /// Whether the start is fixed to the goal frame: then that is the only frame of the map.
+    pub single_frame: bool,
 }
 
 /// How strongly a skill speaks where it meets other leaves: its inertia at the goal.
@@ -42,14 +44,18 @@ pub struct SkillInertia {
 pub struct SkillValue {
     /// M ẍ = f on \[linear; angular\] of the pose, drift of the map included.
     pub natural: Natural<6>,
-    /// V = Φ + ½ ẏᵀMẏ \[J\]: never rises while the frames stand still.
+    /// V = Φ + ½ ẏᵀMẏ \[J\]: never rises while the frames stand still and the map of the frames
+    /// does not fold.
     pub energy: f64,
+    /// Whether the map of the frames folds here, so that it is evaluated with a larger determinant
+    /// ([`DETERMINANT_MIN`](crate::frame_map::DETERMINANT_MIN)).
+    pub folds: bool,
 }
 
 impl SkillValue {
     /// No policy yet.
     pub(crate) fn zero() -> Self {
-        Self { natural: Natural::zero(), energy: 0.0 }
+        Self { natural: Natural::zero(), energy: 0.0, folds: false }
     }
 
     /// What comes of frames or parameters with which there is nothing to evaluate: not finite, so
@@ -57,7 +63,7 @@ impl SkillValue {
     pub(crate) fn undefined() -> Self {
         let natural =
             Natural { force: Vector6::repeat(f64::NAN), metric: Matrix6::repeat(f64::NAN) };
-        Self { natural, energy: f64::NAN }
+        Self { natural, energy: f64::NAN, folds: false }
     }
 
     /// Adds a field on coordinates y of the pose x, with ẏ = J ẋ and ÿ = J (ẍ − b):
@@ -97,6 +103,22 @@ fn rows<const K: usize>(linear: DMat3, angular: DMat3) -> SMatrix<f64, K, 6> {
 }
 
 impl Skill {
+    /// How many frames the map takes: start and goal, or the goal's alone.
+    #[must_use]
+    pub fn frame_count(&self) -> usize {
+        if self.single_frame { 1 } else { 2 }
+    }
+
+    /// Takes in where the frames are and how they move; `None` when there are too few.
+    #[must_use]
+    pub fn displace(&self, frames: &[FrameMotion]) -> Option<Displacement> {
+        if self.single_frame {
+            return Some(self.map.displace_rigidly(frames.first()?));
+        }
+        let [start, goal_frame, ..] = frames else { return None };
+        Some(self.map.displace(start, goal_frame))
+    }
+
     /// Evaluates the skill for a moving pose.
     ///
     /// * `displacement`  the frames as they are now
@@ -116,6 +138,7 @@ impl Skill {
     ) -> SkillValue {
         let mapped = self.map.map(displacement, pose, linear, angular, phase);
         let mut value = SkillValue::zero();
+        value.folds = mapped.determinant < DETERMINANT_MIN;
         match &self.position {
             PositionField::Plane(field) => value.add_position(field, &mapped, inertia.linear_kg),
             PositionField::Space(field) => value.add_position(field, &mapped, inertia.linear_kg),
@@ -134,7 +157,7 @@ impl Skill {
 mod tests {
     use super::*;
     use crate::field::{Background, Component};
-    use crate::frame_map::{CanonicalFrames, FrameMotion};
+    use crate::frame_map::CanonicalFrames;
     use glam::DQuat;
     use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -171,6 +194,7 @@ mod tests {
             map,
             position: PositionField::Space(Box::new(attractor(head(goal.position), 16.0))),
             orientation: Some(Box::new(attractor(Vector3::zeros(), 12.0))),
+            single_frame: false,
         }
     }
 
@@ -259,6 +283,36 @@ mod tests {
         );
         assert!((pose.position - goal.position).length() < 1e-6);
         assert!(pose.rotation_from(&goal).length() < 1e-6);
+    }
+
+    #[test]
+    fn with_a_single_frame_the_whole_space_moves_rigidly() {
+        let skill = Skill { single_frame: true, ..skill() };
+        let canonical = *skill.map.canonical();
+        let mut frame = at([0.2, 0.4, 0.1], 2.0);
+        let y = crate::frame_map::Canonical {
+            position: DVec3::new(0.45, 0.0, 0.2),
+            rotation: DVec3::new(0.3, -0.2, 0.1),
+        };
+        let displacement = skill.displace(&[frame]).unwrap();
+        let seen = skill.map.forward(&displacement, &y);
+        let shown = skill.displace(&[FrameMotion::at_rest(canonical.goal_frame)]).unwrap();
+        let before = skill.map.forward(&shown, &y);
+        let relative = |frame: &Pose, pose: &Pose| frame.inverse().compose(pose);
+        let (a, b) = (relative(&frame.pose, &seen), relative(&canonical.goal_frame, &before));
+        assert!((a.position - b.position).length() < 1e-12);
+        assert!(a.rotation_from(&b).length() < 1e-12);
+        // A tool that is carried along rests in canonical coordinates.
+        frame.angular_velocity = DVec3::new(0.1, 0.4, -0.3);
+        frame.linear_velocity = DVec3::new(0.2, 0.1, 0.0);
+        let carried = frame.carrying(&a);
+        let displacement = skill.displace(&[frame]).unwrap();
+        let (linear, angular) = (carried.linear_velocity, carried.angular_velocity);
+        let mapped = skill.map.map(&displacement, &seen, linear, angular, &mut 0.5);
+        assert!(mapped.velocity.position.length() < 1e-12);
+        assert!(mapped.velocity.rotation.length() < 1e-12);
+        assert!((mapped.linear_bias - carried.linear_acceleration).length() < 1e-11);
+        assert!(skill.displace(&[]).is_none());
     }
 
     #[test]

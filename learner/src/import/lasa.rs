@@ -3,6 +3,7 @@
 //!
 //! The frames stand at the first and the last point of each demonstration, and are not turned.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::{DQuat, DVec3};
@@ -102,6 +103,7 @@ fn recording(shown: &Value, place: &str) -> Result<Recording, (String, String)> 
         place: format!("variable `{place}`"),
         manifold: Manifold::R2,
         start: unturned(positions.first().copied().unwrap_or_default()),
+        other_frames: BTreeMap::new(),
         goal_frame: unturned(positions.last().copied().unwrap_or_default()),
         times_s,
         poses: positions.into_iter().map(unturned).collect(),

@@ -4,6 +4,7 @@
 //! `velocities` (N×2 or more, linear first) are compared with the times when they are there. Other
 //! arrays are disregarded. Arrays hold little-endian floats or integers of 4 or 8 bytes.
 
+use std::collections::BTreeMap;
 use std::io::{Cursor, Read};
 use std::path::Path;
 
@@ -109,15 +110,22 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, Lear
         Ok(pose)
     };
     let [start, goal] = selection.frames(manifold);
-    let (start, goal_frame) = (frame(&start)?, frame(&goal)?);
+    let (start_frame, goal_frame) = (frame(&start)?, frame(&goal)?);
+    let mut other_frames = BTreeMap::new();
+    for name in names.iter().filter_map(|name| name.strip_prefix("frames/")?.strip_suffix(".npy")) {
+        if name != start && name != goal {
+            other_frames.insert(name.to_owned(), frame(name)?);
+        }
+    }
     let poses = (0..rows).map(|i| {
         pose_of(poses.row(i)).map_err(|problem| fail("poses", format!("row {i}: {problem}")))
     });
     Ok(Recording {
         place: "array `time_s`, `poses`".into(),
         manifold,
-        start,
+        start: start_frame,
         goal_frame,
+        other_frames,
         times_s: times.values,
         poses: poses.collect::<Result<_, _>>()?,
         velocities,

@@ -1,5 +1,6 @@
 //! A recorded demonstration: checked, and brought to even times.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::{DQuat, DVec3, DVec4};
@@ -33,6 +34,8 @@ pub(super) struct Recording {
     pub(super) start: Pose,
     /// Goal frame.
     pub(super) goal_frame: Pose,
+    /// Further frames by name.
+    pub(super) other_frames: BTreeMap<String, Pose>,
     /// When [s].
     pub(super) times_s: Vec<f64>,
     /// Where; as many.
@@ -108,6 +111,7 @@ impl Recording {
             sampling_time_s,
             start: self.start,
             goal_frame: self.goal_frame,
+            other_frames: self.other_frames,
             poses,
         })
     }
@@ -115,7 +119,9 @@ impl Recording {
     fn check(&self) -> Result<(), String> {
         assert_eq!(self.times_s.len(), self.poses.len(), "readers check the lengths");
         let near = format!("expected finite positions below {POSITION_MAX_M} m");
-        for (name, frame) in [("start", &self.start), ("goal", &self.goal_frame)] {
+        let known = [("start", &self.start), ("goal", &self.goal_frame)].into_iter();
+        let others = self.other_frames.iter().map(|(name, frame)| (name.as_str(), frame));
+        for (name, frame) in known.chain(others) {
             if !is_near(&frame.position) {
                 return Err(format!("{near}, found {} of the {name} frame", frame.position));
             }
@@ -270,6 +276,7 @@ mod tests {
             manifold: Manifold::R3S3,
             start: still,
             goal_frame: still,
+            other_frames: BTreeMap::new(),
             times_s,
             poses,
             velocities: None,

@@ -13,7 +13,7 @@ use tprmp_model::skill_model::Manifold;
 use tprmp_rmpflow::frame_map::Pose;
 
 use super::{Recording, Selection, input, read_bytes};
-use crate::demonstration::{FileFrame, columns, frame};
+use crate::demonstration::{FileFrame, columns, frame, other_frames};
 use crate::error::{LearnerError, read_text};
 
 #[derive(Deserialize)]
@@ -95,6 +95,7 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, Lear
         manifold,
         start: frame(&frames.frames, &start, manifold, &frames_path)?,
         goal_frame: frame(&frames.frames, &goal, manifold, &frames_path)?,
+        other_frames: other_frames(&frames.frames, [&start, &goal], manifold, &frames_path)?,
         times_s,
         poses,
         velocities: (!speed_columns.is_empty()).then_some(velocities),

@@ -118,6 +118,7 @@ pub(super) fn read(
             manifold,
             start,
             goal_frame,
+            other_frames: BTreeMap::new(),
             times_s: (0..poses.len()).map(|i| i as f64 * file.dt).collect(),
             poses,
             velocities: None,

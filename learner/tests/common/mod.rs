@@ -2,6 +2,7 @@
 
 mod folder;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
@@ -38,6 +39,7 @@ pub(crate) fn skill_text(template: &str) -> String {
         .replace("\"../demonstrations/pick\"", "\"shown\"")
         .replace("\"../demonstrations/planar\"", "\"shown\"")
         .replace("random_starts: 100", "random_starts: 20")
+        .replace("displaced_starts: 100", "displaced_starts: 20")
 }
 
 /// Progress of a motion that starts and ends at rest; half a second of rest before it.
@@ -78,6 +80,7 @@ pub(crate) fn arcs(manifold: Manifold) -> Vec<Demonstration> {
             sampling_time_s: 0.02,
             start,
             goal_frame,
+            other_frames: BTreeMap::new(),
             poses,
         }
     };

@@ -1,24 +1,106 @@
 //! A model in the form in which the controller and the learner's rollouts evaluate it.
 
-use tprmp_rmpflow::frame_map::{FrameMap, FrameMapError};
+use glam::{DQuat, DVec3};
+use nalgebra::SMatrix;
+use tprmp_rmpflow::frame_map::{self, FrameMap, FrameMapError};
+use tprmp_rmpflow::gaussian_product::PoseGaussian;
+use tprmp_rmpflow::policy;
+use tprmp_rmpflow::product_skill::{ProductComponent, ProductSkill, ProductSkillError};
 use tprmp_rmpflow::skill::{PositionField, Skill};
 
-use super::{Manifold, SkillModel};
+use super::{FieldModel, FrameGaussian, FrameMixture, Manifold, Policy, SkillModel, ThesisModel};
+
+/// Why a model cannot be evaluated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum EvaluationError {
+    /// Start and goal coincide.
+    #[error("start and goal are at the same place")]
+    NoAxis,
+    /// The Gaussians of the frames do not multiply.
+    #[error("the Gaussians of the frames cannot be multiplied ({0:?})")]
+    Product(ProductSkillError),
+}
+
+impl From<FrameMapError> for EvaluationError {
+    fn from(_: FrameMapError) -> Self {
+        Self::NoAxis
+    }
+}
+
+impl From<ProductSkillError> for EvaluationError {
+    fn from(error: ProductSkillError) -> Self {
+        Self::Product(error)
+    }
+}
 
 impl SkillModel {
-    /// The skill, ready to be evaluated.
+    /// The policy, ready to be evaluated. Its frames are the first ones of the model's.
     ///
     /// # Errors
-    /// When start and goal coincide.
-    pub fn skill(&self) -> Result<Skill, FrameMapError> {
+    /// [`EvaluationError`], which a model that was read and validated gives only when its numbers
+    /// are at the edge of what can be computed with.
+    pub fn policy(&self) -> Result<policy::Policy, EvaluationError> {
+        Ok(match &self.policy {
+            Policy::Canonical { position, orientation } => {
+                policy::Policy::Canonical(self.canonical_skill(position, orientation.as_ref())?)
+            }
+            Policy::Thesis(thesis) => match self.manifold {
+                Manifold::R2 => policy::Policy::Plane(product_skill(&self.frames, thesis)?),
+                Manifold::R3 => policy::Policy::Space(product_skill(&self.frames, thesis)?),
+                Manifold::R3S3 => policy::Policy::Pose(product_skill(&self.frames, thesis)?),
+            },
+        })
+    }
+
+    fn canonical_skill(
+        &self,
+        position: &FieldModel,
+        orientation: Option<&FieldModel>,
+    ) -> Result<Skill, FrameMapError> {
         let position = match self.manifold {
-            Manifold::R2 => PositionField::Plane(Box::new(self.position.field())),
-            Manifold::R3 | Manifold::R3S3 => PositionField::Space(Box::new(self.position.field())),
+            Manifold::R2 => PositionField::Plane(Box::new(position.field())),
+            Manifold::R3 | Manifold::R3S3 => PositionField::Space(Box::new(position.field())),
         };
         Ok(Skill {
             map: FrameMap::new(self.canonical.into())?,
             position,
-            orientation: self.orientation.as_ref().map(|field| Box::new(field.field())),
+            orientation: orientation.map(|field| Box::new(field.field())),
+            single_frame: self.start_frame == self.goal_frame,
         })
     }
+}
+
+/// The thesis' skill on the product of the frames' Gaussians, on a manifold of dimension D.
+///
+/// # Errors
+/// When the Gaussians cannot be multiplied.
+///
+/// # Panics
+/// When D is not the dimension of the manifold, a frame has not as many Gaussians as `thesis` has
+/// potentials, or there is no frame.
+pub fn product_skill<const D: usize>(
+    frames: &[FrameMixture],
+    thesis: &ThesisModel,
+) -> Result<ProductSkill<D>, ProductSkillError> {
+    let component = |k: usize| {
+        let gaussian = |p: usize| {
+            pose_gaussian(&frames[p].gaussians[k])
+                .ok_or(ProductSkillError::Precision { component: k, frame: p })
+        };
+        let gaussians = (0..frames.len()).map(gaussian).collect::<Result<_, _>>()?;
+        let (potential, damping) = (thesis.potentials[k], thesis.damping[k]);
+        Ok(ProductComponent { gaussians, potential, damping })
+    };
+    let components = (0..thesis.potentials.len()).map(component).collect::<Result<_, _>>()?;
+    ProductSkill::new(components, thesis.metric_scale, thesis.huber_threshold)
+}
+
+fn pose_gaussian<const D: usize>(gaussian: &FrameGaussian) -> Option<PoseGaussian<D>> {
+    let rows = &gaussian.covariance;
+    assert_eq!(rows.len(), D, "dimension of the manifold");
+    let p = &gaussian.position_m;
+    let position = DVec3::new(p[0], p[1], p.get(2).copied().unwrap_or(0.0));
+    let [w, x, y, z] = gaussian.quaternion_wxyz.unwrap_or([1.0, 0.0, 0.0, 0.0]);
+    let mean = frame_map::Pose { position, orientation: DQuat::from_xyzw(x, y, z, w) };
+    PoseGaussian::from_covariance(mean, &SMatrix::from_fn(|i, j| rows[i][j]))
 }

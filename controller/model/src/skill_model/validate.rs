@@ -3,7 +3,9 @@
 use nalgebra::DMatrix;
 use tprmp_rmpflow::field::COMPONENT_CAPACITY;
 
-use super::{Component, FieldModel, Gaussian, Pose, SkillModel};
+use super::{
+    Component, FRAME_CAPACITY, FieldModel, Gaussian, Policy, Pose, SkillModel, ThesisModel,
+};
 
 /// A key of the body, and what is wrong with its value.
 type Violation = (String, String);
@@ -29,14 +31,6 @@ impl SkillModel {
         pose("canonical.start", &canonical.start)?;
         pose("canonical.goal_frame", &canonical.goal_frame)?;
         pose("canonical.goal", &canonical.goal)?;
-        let dimension = self.manifold.position_dimension();
-        field("position", &self.position, dimension)?;
-        let goal = &self.position.components[self.position.components.len() - 1].mean;
-        require(
-            goal.iter().zip(&canonical.goal.position_m).all(|(a, b)| (a - b).abs() < TOLERANCE),
-            "position.components",
-            || "expected the last component at `canonical.goal`".into(),
-        )?;
         let distance = nalgebra::Vector3::from(canonical.goal.position_m)
             .metric_distance(&nalgebra::Vector3::from(canonical.start.position_m));
         require(distance >= START_GOAL_DISTANCE_MIN_M, "canonical.goal", || {
@@ -44,25 +38,110 @@ impl SkillModel {
                 "expected at least {START_GOAL_DISTANCE_MIN_M} m from `start`, found {distance} m"
             )
         })?;
-        require(
-            self.orientation.is_some() == self.manifold.has_orientation(),
-            "orientation",
-            || format!("expected a field exactly when the manifold ({}) has one", self.manifold),
-        )?;
-        if let Some(orientation) = &self.orientation {
-            field("orientation", orientation, 3)?;
-            let goal = &orientation.components[orientation.components.len() - 1].mean;
-            require(goal.iter().all(|x| *x == 0.0), "orientation.components", || {
-                "expected the last component at zero".into()
-            })?;
-        }
         require(!self.gaussians.is_empty(), "gaussians", || "expected at least one".into())?;
         for (k, g) in self.gaussians.iter().enumerate() {
             gaussian(&format!("gaussians[{k}]"), g, self.manifold.dimension())?;
         }
-        let fit = &self.fit;
-        finite("fit.em_log_likelihood", &[fit.em_log_likelihood])?;
-        finite("fit.rollouts.energy_rise_max", &[fit.rollouts.energy_rise_max])?;
+        self.validate_frames()?;
+        match &self.policy {
+            Policy::Canonical { position, orientation } => {
+                self.validate_canonical(position, orientation.as_ref())?;
+            }
+            Policy::Thesis(policy) => self.validate_thesis(policy)?,
+        }
+        finite("fit.em_log_likelihood", &[self.fit.em_log_likelihood])
+    }
+
+    fn validate_frames(&self) -> Result<(), Violation> {
+        let mut known = vec![&self.start_frame, &self.goal_frame];
+        known.dedup();
+        let count = self.frames.len();
+        require(count >= known.len() && count <= FRAME_CAPACITY, "frames", || {
+            format!("expected {} to {FRAME_CAPACITY} frames, found {count}", known.len())
+        })?;
+        for (p, frame) in self.frames.iter().enumerate() {
+            let key = format!("frames[{p}]");
+            if let Some(name) = known.get(p) {
+                require(frame.name == **name, format!("{key}.name"), || {
+                    format!("expected `{name}`, found `{}`", frame.name)
+                })?;
+            }
+            let twice = self.frames[..p].iter().any(|other| other.name == frame.name);
+            require(!frame.name.is_empty() && !twice, format!("{key}.name"), || {
+                format!("expected a name of its own, found `{}`", frame.name)
+            })?;
+            let (found, expected) = (frame.gaussians.len(), self.gaussians.len());
+            require(found == expected, format!("{key}.gaussians"), || {
+                format!("expected {expected}, as in `gaussians`, found {found}")
+            })?;
+            for (k, g) in frame.gaussians.iter().enumerate() {
+                let key = format!("{key}.gaussians[{k}]");
+                let dimension = self.manifold.position_dimension();
+                vector(&format!("{key}.position_m"), &g.position_m, dimension)?;
+                positive_definite(
+                    &format!("{key}.covariance"),
+                    &g.covariance,
+                    self.manifold.dimension(),
+                )?;
+                let key = format!("{key}.quaternion_wxyz");
+                require(
+                    g.quaternion_wxyz.is_some() == self.manifold.has_orientation(),
+                    &key,
+                    || {
+                        format!(
+                            "expected one exactly when the manifold ({}) has one",
+                            self.manifold
+                        )
+                    },
+                )?;
+                if let Some(wxyz) = &g.quaternion_wxyz {
+                    unit_quaternion(&key, wxyz)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn validate_canonical(
+        &self,
+        position: &FieldModel,
+        orientation: Option<&FieldModel>,
+    ) -> Result<(), Violation> {
+        let key = "policy.position";
+        field(key, position, self.manifold.position_dimension())?;
+        let goal = &position.components[position.components.len() - 1].mean;
+        let expected = &self.canonical.goal.position_m;
+        require(
+            goal.iter().zip(expected).all(|(a, b)| (a - b).abs() < TOLERANCE),
+            format!("{key}.components"),
+            || "expected the last component at `canonical.goal`".into(),
+        )?;
+        let key = "policy.orientation";
+        require(orientation.is_some() == self.manifold.has_orientation(), key, || {
+            format!("expected a field exactly when the manifold ({}) has one", self.manifold)
+        })?;
+        if let Some(orientation) = orientation {
+            field(key, orientation, 3)?;
+            let goal = &orientation.components[orientation.components.len() - 1].mean;
+            require(goal.iter().all(|x| *x == 0.0), format!("{key}.components"), || {
+                "expected the last component at zero".into()
+            })?;
+        }
+        Ok(())
+    }
+
+    fn validate_thesis(&self, policy: &ThesisModel) -> Result<(), Violation> {
+        positive("policy.metric_scale", policy.metric_scale)?;
+        positive("policy.huber_threshold", policy.huber_threshold)?;
+        let count = self.gaussians.len();
+        require(count <= COMPONENT_CAPACITY, "gaussians", || {
+            format!("expected at most {COMPONENT_CAPACITY}, found {count}")
+        })?;
+        vector("policy.potentials", &policy.potentials, count)?;
+        vector("policy.damping", &policy.damping, count)?;
+        for (k, damping) in policy.damping.iter().enumerate() {
+            positive(&format!("policy.damping[{k}]"), *damping)?;
+        }
         Ok(())
     }
 }
@@ -89,9 +168,12 @@ fn positive(key: &str, value: f64) -> Result<(), Violation> {
 
 fn pose(key: &str, pose: &Pose) -> Result<(), Violation> {
     finite(&format!("{key}.position_m"), &pose.position_m)?;
-    let key = format!("{key}.quaternion_wxyz");
-    finite(&key, &pose.quaternion_wxyz)?;
-    let norm = nalgebra::Vector4::from(pose.quaternion_wxyz).norm();
+    unit_quaternion(&format!("{key}.quaternion_wxyz"), &pose.quaternion_wxyz)
+}
+
+fn unit_quaternion(key: &str, wxyz: &[f64; 4]) -> Result<(), Violation> {
+    finite(key, wxyz)?;
+    let norm = nalgebra::Vector4::from(*wxyz).norm();
     require((norm - 1.0).abs() < TOLERANCE, key, || {
         format!("expected a unit quaternion, found one of length {norm}")
     })
