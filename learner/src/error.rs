@@ -82,6 +82,9 @@ pub enum LearnerError {
         /// Angle to the goal [°].
         error_deg: f64,
     },
+    /// Nothing can be recorded.
+    #[error(transparent)]
+    Record(#[from] crate::record::RecordError),
     /// The model file was refused.
     #[error(transparent)]
     Model(#[from] ModelError),

@@ -2,7 +2,7 @@
 //!
 //! [`train::train`] is the whole way: demonstrations → canonical coordinates ([`canonical`],
 //! [`savitzky_golay`]) → Gaussian mixture ([`k_means`], [`em`], [`components`]) → field of each block ([`basis`], [`fit`]) →
-//! rollouts ([`verify`]) → model.
+//! rollouts ([`verify`]) → model. Demonstrations come from files; [`record`] writes them from a live robot.
 
 pub mod attractors;
 pub mod basis;
@@ -15,6 +15,8 @@ pub mod error;
 pub mod fit;
 pub mod import;
 pub mod k_means;
+pub mod plausibility;
+pub mod record;
 pub mod report;
 pub mod savitzky_golay;
 pub mod skill;

@@ -18,6 +18,7 @@ use crate::em::{Mixture, PhaseSamples, maximise, phase_samples};
 use crate::error::LearnerError;
 use crate::fit::{fit, shape};
 use crate::k_means;
+use crate::plausibility;
 use crate::savitzky_golay::Path;
 use crate::skill::{Initialisation, Skill};
 use crate::targets::BlockPath;
@@ -175,7 +176,8 @@ pub fn learn(
     let fits: Vec<_> = std::iter::once(("position", &position_fit))
         .chain(orientation_fit.as_ref().map(|fit| ("orientation", fit)))
         .collect();
-    let warnings = warnings(&fits, &rollouts, skill.scale.span / scales[0]);
+    let mut warnings = warnings(&fits, &rollouts, skill.scale.span / scales[0]);
+    warnings.extend(plausibility::warnings(demonstrations));
     let model = SkillModel {
         skill: skill.skill.clone(),
         manifold: skill.manifold,
