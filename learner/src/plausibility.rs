@@ -13,7 +13,7 @@ const SPEED_MAX_RAD_S: f64 = 50.0;
 /// No arm reaches farther [m].
 const SPAN_MAX_M: f64 = 20.0;
 /// A step so many times as long as those beside it is a jump.
-const JUMP_RATIO: f64 = 8.0;
+const JUMP_RATIO: f64 = 4.0;
 /// … unless it is shorter than this share of the span [1] …
 const JUMP_SHARE: f64 = 0.01;
 /// … or this angle [rad].

@@ -11,6 +11,7 @@ mod intake;
 mod recorder;
 mod take;
 
+use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -237,9 +238,11 @@ impl Session {
         match self.folder.save(&shown.demonstration, &board.start_frame, &board.goal_frame) {
             Ok(path) => {
                 self.written += 1;
-                println!("wrote      {}: {}", path.display(), shown.summary());
+                // Who no longer listens does not end the session.
+                let mut out = std::io::stdout();
+                let _ = writeln!(out, "wrote      {}: {}", path.display(), shown.summary());
                 for note in shown.notes {
-                    println!("note       {note}");
+                    let _ = writeln!(out, "note       {note}");
                 }
                 Ok(())
             }
