@@ -2,7 +2,7 @@
 //!
 //! [`train::train`] is the whole way: demonstrations → canonical coordinates ([`canonical`],
 //! [`savitzky_golay`]) → Gaussian mixture ([`k_means`], [`em`], [`components`]) → field of each block ([`basis`], [`fit`]) →
-//! rollouts ([`verify`]) → model. Demonstrations come from files; [`record`] writes them from a live robot.
+//! rollouts ([`verify`]) → model. Demonstrations are files; [`record`] writes them from a live robot.
 
 pub mod attractors;
 pub mod basis;

@@ -80,12 +80,14 @@ fn steps(demonstration: &Demonstration) -> Vec<f64> {
     pairs.map(|p| (p[1].position - p[0].position).length()).collect()
 }
 
+/// Angle between two orientations [rad].
+pub(crate) fn angle(a: &Pose, b: &Pose) -> f64 {
+    let turn = a.orientation.conjugate() * b.orientation;
+    2.0 * turn.xyz().length().atan2(turn.w.abs())
+}
+
 /// Angle between neighbouring samples [rad].
 fn turns(demonstration: &Demonstration) -> Vec<f64> {
-    let angle = |a: &Pose, b: &Pose| {
-        let turn = a.orientation.conjugate() * b.orientation;
-        2.0 * turn.xyz().length().atan2(turn.w.abs())
-    };
     demonstration.poses.windows(2).map(|p| angle(&p[0], &p[1])).collect()
 }
 

@@ -1,9 +1,9 @@
 //! Demonstrations from a live robot: an observer of the states and frames of an instance, whoever
 //! publishes them.
 //!
-//! [`recorder`] is the whole of the decisions, fed with samples and free of I/O; [`intake`] checks
-//! what arrives, [`arm`] makes a pose of it, [`file`] writes what came of it. What is here reads
-//! shared memory, and tells people.
+//! `recorder` is the whole of the decisions, fed with samples and free of I/O; `intake` checks what
+//! arrives, `arm` makes a pose of it, `take` a demonstration, and `file` writes it. What is here
+//! reads shared memory, and tells people.
 
 mod arm;
 mod file;

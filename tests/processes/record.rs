@@ -174,6 +174,15 @@ impl Recorder {
     }
 }
 
+/// A test that fails leaves no process behind.
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        // It has ended already when the test did not fail.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
 /// Names in the folder of demonstrations.
 fn names(place: &Place) -> Vec<String> {
     let entries = fs::read_dir(place.path("shown")).unwrap().flatten();

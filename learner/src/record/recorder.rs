@@ -16,7 +16,8 @@ use std::collections::VecDeque;
 use tprmp_rmpflow::frame_map::Pose;
 
 use super::intake::{Frames, Sight};
-use super::take::{Sample, Shown, Take, Task, angle};
+use super::take::{Sample, Shown, Take, Task};
+use crate::plausibility::angle;
 
 /// Speeds are means over this time [ns].
 const WINDOW_NS: u64 = 100_000_000;
@@ -27,10 +28,11 @@ const MOVING_RAD_S: f64 = 0.05;
 /// A motion has ended when the tool has rested for so long; so much of the rest before a motion is
 /// looked at, too [ns].
 const REST_NS: u64 = 1_000_000_000;
-/// A frame that has gone farther than this has moved [m].
-const FRAME_MOVED_M: f64 = 0.002;
+/// A frame that has gone farther than this has moved [m]; an object gives way by less when it is
+/// touched.
+const FRAME_MOVED_M: f64 = 0.005;
 /// … or turned farther than this [rad].
-const FRAME_MOVED_RAD: f64 = 0.02;
+const FRAME_MOVED_RAD: f64 = 0.05;
 /// Longer motions are given up [ns].
 const DURATION_MAX_NS: u64 = 600_000_000_000;
 

@@ -6,6 +6,7 @@ use tprmp_model::skill_model::Manifold;
 use tprmp_rmpflow::frame_map::Pose;
 
 use crate::demonstration::{Demonstration, POINTS_MIN};
+use crate::plausibility::angle;
 use crate::skill::Skill;
 
 /// Of the rest before and after the motion so much is kept [ns].
@@ -64,12 +65,6 @@ impl Task {
         }
         frame
     }
-}
-
-/// Angle between two orientations [rad].
-pub(super) fn angle(a: &Pose, b: &Pose) -> f64 {
-    let turn = a.orientation.conjugate() * b.orientation;
-    2.0 * turn.xyz().length().atan2(turn.w.abs())
 }
 
 /// Where the tool was.
@@ -231,7 +226,7 @@ mod tests {
     use glam::DVec3;
     use proptest::prelude::*;
 
-    pub(crate) fn task(manifold: Manifold) -> Task {
+    fn task(manifold: Manifold) -> Task {
         Task {
             skill: "made_up".into(),
             manifold,
