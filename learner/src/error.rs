@@ -87,6 +87,9 @@ pub enum LearnerError {
     /// The learned numbers cannot be computed with.
     #[error("the learned policy cannot be evaluated: {0}")]
     Evaluation(#[from] EvaluationError),
+    /// Nothing can be recorded.
+    #[error(transparent)]
+    Record(#[from] crate::record::RecordError),
     /// The model file was refused.
     #[error(transparent)]
     Model(#[from] ModelError),

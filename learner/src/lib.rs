@@ -3,7 +3,8 @@
 //! [`train::train`] is the whole way: demonstrations → canonical coordinates ([`canonical`],
 //! [`savitzky_golay`]) → Gaussian mixture in each frame ([`tp_gmm`], [`em`], [`k_means`],
 //! [`components`]) → policy, the canonical one ([`basis`], [`targets`], [`fit`]) or the thesis'
-//! ([`thesis`]) → certificate ([`certify`], [`rollout`]) → model.
+//! ([`thesis`]) → certificate ([`certify`], [`rollout`]) → model. Demonstrations are files;
+//! [`record`] writes them from a live robot.
 
 pub mod attractors;
 pub mod basis;
@@ -18,7 +19,9 @@ pub mod fit;
 pub mod import;
 pub mod k_means;
 pub mod orientation;
+pub mod plausibility;
 pub mod policy;
+pub mod record;
 pub mod report;
 pub mod rollout;
 pub mod savitzky_golay;

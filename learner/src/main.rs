@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use tprmp_learner::components::Components;
 use tprmp_learner::error::LearnerError;
 use tprmp_learner::import::{Interpolation, Selection, import};
-use tprmp_learner::{report, train};
+use tprmp_learner::{record, report, train};
 use tprmp_model::skill_model;
 
 /// Learns a skill from a few demonstrations.
@@ -60,6 +60,11 @@ enum Command {
         /// Model file
         model: PathBuf,
     },
+    /// Write demonstrations from a live robot, whoever publishes its state and frames
+    ///
+    /// A demonstration begins when the arm starts to move and ends when it has rested for a second;
+    /// then the next one is waited for. Ctrl-C ends. Nothing is ever sent to the robot.
+    Record(record::Options),
     /// Turn a file of another format into demonstration files
     ///
     /// Formats, by extension:
@@ -160,6 +165,7 @@ fn run(command: Command) -> Result<(), LearnerError> {
             skill_model::write(&trained.model, &out)?;
             println!("wrote      {}", out.display());
         }
+        Command::Record(options) => record::record(&options)?,
         Command::Inspect { model } => {
             print!("{}", report::inspected(&skill_model::read(&model)?));
         }

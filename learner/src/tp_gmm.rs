@@ -2,7 +2,7 @@
 //! from each frame and in canonical coordinates  [thesis section 3.4].
 
 use glam::{DQuat, DVec3};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Matrix};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model;
@@ -164,7 +164,7 @@ impl Samples {
                 random.set_stream(1);
                 let view = self.time_driven();
                 let samples: Vec<DVector<f64>> =
-                    view.euclidean.column_iter().map(|column| column.into_owned()).collect();
+                    view.euclidean.column_iter().map(Matrix::into_owned).collect();
                 let found = k_means::responsibilities(&samples, components, &mut random);
                 in_order(&found, &mean_times(&found, &self.times))
             }

@@ -18,6 +18,7 @@ use crate::components::{self, Choice, Components};
 use crate::demonstration::{self, Demonstration};
 use crate::error::LearnerError;
 use crate::fit::{STRAY_ATTRACTORS, fit, shape};
+use crate::plausibility;
 use crate::policy::Learned;
 use crate::savitzky_golay::Path;
 use crate::skill::{FieldSettings, FitSettings, Skill};
@@ -185,7 +186,8 @@ pub fn learn(
         examiner.certify(&model.fit.demonstrations, stray, seed, &mut || told("random starts"));
     clock.step("certificate");
 
-    let mut warnings = uninformative_frames(skill, demonstrations);
+    let mut warnings = plausibility::warnings(demonstrations);
+    warnings.extend(uninformative_frames(skill, demonstrations));
     let span_m = skill.scale.span / set.scales[0];
     warnings.extend(fit_warnings(&model.fit.programs, &model.fit.demonstrations, span_m));
     let samples = demonstrations.iter().map(|d| d.poses.len()).sum();

@@ -19,6 +19,9 @@ SHARED_MEMORY = Path("/dev/shm")
 SHARED_MEMORY_MIN_BYTES = 4 << 20
 """Least free shared memory needed to open an instance: a full one ends in SIGBUS."""
 
+STATE_BUFFER = 256
+"""Newest states that are kept for an observer, which wants each of them."""
+
 _NAME = re.compile(r"[A-Za-z0-9-]{1,32}")
 
 
@@ -76,7 +79,7 @@ class Instance:
                 .max_subscribers(8)
                 .max_nodes(16)
                 .history_size(1)
-                .subscriber_max_buffer_size(1)
+                .subscriber_max_buffer_size(STATE_BUFFER if topic == "robot_state" else 1)
                 .enable_safe_overflow(True)
                 .open_or_create()
             )
@@ -107,10 +110,10 @@ class Instance:
     def subscriber(
         self, node: iceoryx2.Node, topic: str, message: type[ctypes.Structure]
     ) -> iceoryx2.Subscriber:
-        """A subscriber of a service."""
+        """A subscriber of a service, which gets the newest message."""
         name, service = self.service(node, topic, message)
         try:
-            return service.subscriber_builder().create()
+            return service.subscriber_builder().buffer_size(1).create()
         except iceoryx2.SubscriberCreateError as error:
             raise BridgeError(f"service `{name}` could not be opened: {error}") from error
 

@@ -4,4 +4,5 @@
 mod bad_input;
 mod common;
 mod lockstep;
+mod record;
 mod stop;

@@ -17,6 +17,13 @@ pub type Sample<M> = iceoryx2::sample::Sample<ipc::Service, M, ()>;
 /// Least free shared memory needed to open an instance \[bytes\]: a full one ends in SIGBUS.
 pub const SHARED_MEMORY_MIN_BYTES: u64 = 4 << 20;
 
+/// Newest states that are kept for an observer, which wants each of them; a controller gets the
+/// newest only.
+pub const STATE_BUFFER: usize = 256;
+
+const ROBOT_STATE: &str = "robot_state";
+const SUBSCRIBERS_MAX: usize = 8;
+
 /// Why the services of an instance could not be opened.
 #[derive(Debug, Error)]
 pub enum ServiceError {
@@ -54,6 +61,15 @@ pub enum ServiceError {
         /// Its size on this side \[bytes\].
         size: usize,
     },
+    /// The other side was built with other bounds of the service.
+    #[error(
+        "service `{0}` exists with other bounds than this program's ({1}): both sides must be of \
+         the same version"
+    )]
+    Bounds(String, String),
+    /// Every place of a reader is taken.
+    #[error("service `{0}` already has {SUBSCRIBERS_MAX} readers, as many as it can have: end one")]
+    TooManySubscribers(String),
     /// Anything else iceoryx2 reports.
     #[error("service `{0}` could not be opened: {1}")]
     Open(String, String),
@@ -145,10 +161,10 @@ impl Instance {
             .service_builder(&service_name)
             .publish_subscribe::<M>()
             .max_publishers(1)
-            .max_subscribers(8)
+            .max_subscribers(SUBSCRIBERS_MAX)
             .max_nodes(16)
             .history_size(1)
-            .subscriber_max_buffer_size(1)
+            .subscriber_max_buffer_size(if topic == ROBOT_STATE { STATE_BUFFER } else { 1 })
             .enable_safe_overflow(true)
             .open_or_create()
             .map_err(|e| {
@@ -160,6 +176,8 @@ impl Instance {
                         message,
                         size: size_of::<M>(),
                     }
+                } else if text.contains("DoesNotSupportRequested") {
+                    ServiceError::Bounds(name.clone(), text)
                 } else {
                     open_error(text)
                 }
@@ -187,13 +205,17 @@ impl Instance {
         &self,
         node: &Node<ipc::Service>,
         topic: &str,
+        buffer: usize,
     ) -> Result<Subscriber<M>, ServiceError> {
         let (name, service) = self.service::<M>(node, topic)?;
-        service
-            .subscriber_builder()
-            .create()
-            .map(Subscriber)
-            .map_err(|e| ServiceError::Open(name, format!("{e:?}")))
+        service.subscriber_builder().buffer_size(buffer).create().map(Subscriber).map_err(|e| {
+            let text = format!("{e:?}");
+            if text.contains("ExceedsMaxSupportedSubscribers") {
+                ServiceError::TooManySubscribers(name)
+            } else {
+                ServiceError::Open(name, text)
+            }
+        })
     }
 
     /// Opens the controller's side.
@@ -205,8 +227,8 @@ impl Instance {
         Ok(ControllerPorts {
             command: self.publisher(&node, "joint_command")?,
             status: self.publisher(&node, "controller_status")?,
-            state: self.subscriber(&node, "robot_state")?,
-            frames: self.subscriber(&node, "task_frames")?,
+            state: self.subscriber(&node, ROBOT_STATE, 1)?,
+            frames: self.subscriber(&node, "task_frames", 1)?,
             _node: NodeGuard { _node: node, _leftovers: Leftovers(self.clone()) },
         })
     }
@@ -218,10 +240,24 @@ impl Instance {
     pub fn open_state_publisher(&self) -> Result<StatePublisherPorts, ServiceError> {
         let node = self.node()?;
         Ok(StatePublisherPorts {
-            state: self.publisher(&node, "robot_state")?,
+            state: self.publisher(&node, ROBOT_STATE)?,
             frames: self.publisher(&node, "task_frames")?,
-            command: self.subscriber(&node, "joint_command")?,
-            status: self.subscriber(&node, "controller_status")?,
+            command: self.subscriber(&node, "joint_command", 1)?,
+            status: self.subscriber(&node, "controller_status", 1)?,
+            _node: NodeGuard { _node: node, _leftovers: Leftovers(self.clone()) },
+        })
+    }
+
+    /// Opens the side of an observer of states and frames: it publishes nothing, and neither a
+    /// publisher nor a controller has to be there.
+    ///
+    /// # Errors
+    /// See [`ServiceError`].
+    pub fn open_observer(&self) -> Result<ObserverPorts, ServiceError> {
+        let node = self.node()?;
+        Ok(ObserverPorts {
+            state: self.subscriber(&node, ROBOT_STATE, STATE_BUFFER)?,
+            frames: self.subscriber(&node, "task_frames", 1)?,
             _node: NodeGuard { _node: node, _leftovers: Leftovers(self.clone()) },
         })
     }
@@ -258,15 +294,15 @@ impl<M: Debug + ZeroCopySend + Copy + 'static> Publisher<M> {
     }
 }
 
-/// Receives the newest message of type `M`.
+/// Receives messages of type `M`: the newest, an observer's states one after the other.
 #[derive(Debug)]
 pub struct Subscriber<M: Debug + ZeroCopySend + 'static>(
     iceoryx2::port::subscriber::Subscriber<ipc::Service, M, ()>,
 );
 
 impl<M: Debug + ZeroCopySend + 'static> Subscriber<M> {
-    /// The newest message if there is one that was not received yet, as a view into shared
-    /// memory. An error of the connection counts as no message: liveness is judged by the age of
+    /// The oldest message that is kept and was not received yet, as a view into shared memory;
+    /// where one is kept, it is the newest. An error of the connection counts as no message: liveness is judged by the age of
     /// the last one.
     #[must_use]
     pub fn receive(&self) -> Option<Sample<M>> {
@@ -318,6 +354,16 @@ pub struct StatePublisherPorts {
     _node: NodeGuard,
 }
 
+/// The ports of an observer. Dropped, they leave no files behind.
+#[derive(Debug)]
+pub struct ObserverPorts {
+    /// Robot states, each of them while no more than [`STATE_BUFFER`] wait.
+    pub state: Subscriber<RobotState>,
+    /// Newest task frames and obstacles.
+    pub frames: Subscriber<TaskFrames>,
+    _node: NodeGuard,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -338,6 +384,40 @@ mod tests {
         assert!(controller.state.receive().is_none());
         assert!(controller.command.publish(JointCommand { sequence: 7, ..Default::default() }));
         assert_eq!(robot.command.receive().unwrap().sequence, 7);
+    }
+
+    #[test]
+    fn an_observer_gets_each_state_beside_a_controller_and_the_newest_when_it_is_slow() {
+        let instance = instance("observe");
+        let observer = instance.open_observer().unwrap();
+        let robot = instance.open_state_publisher().unwrap();
+        let controller = instance.open_controller().unwrap();
+        let publish = |sequences: core::ops::RangeInclusive<u64>| {
+            for sequence in sequences {
+                assert!(robot.state.publish(RobotState { sequence, ..Default::default() }));
+            }
+        };
+        let kept = STATE_BUFFER as u64;
+        let received = || -> Vec<u64> {
+            std::iter::from_fn(|| observer.state.receive().map(|s| s.sequence)).collect()
+        };
+        publish(1..=kept);
+        assert_eq!(received(), (1..=kept).collect::<Vec<_>>());
+        assert_eq!(controller.state.receive().unwrap().sequence, kept);
+        publish(kept + 1..=3 * kept);
+        assert_eq!(received(), (2 * kept + 1..=3 * kept).collect::<Vec<_>>());
+        assert_eq!(controller.state.receive().unwrap().sequence, 3 * kept);
+    }
+
+    #[test]
+    fn a_reader_too_many_is_refused_with_a_reason() {
+        let instance = instance("many");
+        let readers: Vec<_> =
+            (0..SUBSCRIBERS_MAX).map(|_| instance.open_observer().unwrap()).collect();
+        let error = instance.open_observer().unwrap_err();
+        assert!(matches!(error, ServiceError::TooManySubscribers(_)), "{error}");
+        drop(readers);
+        assert!(instance.open_observer().is_ok());
     }
 
     #[test]

@@ -1,0 +1,151 @@
+//! The folder of demonstrations: a file is there whole or not at all, and none is replaced.
+
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use rustix::fs::{CWD, RenameFlags, renameat_with};
+use rustix::io::Errno;
+
+use crate::demonstration::{self, Demonstration};
+use crate::error::LearnerError;
+
+/// How often a number is looked for that nobody else took in the meantime.
+const TRIES: u32 = 100;
+
+/// A folder that can be written.
+#[derive(Debug)]
+pub(super) struct Folder {
+    path: PathBuf,
+    /// Where a file is written before it gets its name.
+    draft: PathBuf,
+}
+
+impl Folder {
+    /// Makes the folder where it is missing, and tries it: what is shown later must not be lost.
+    pub(super) fn open(path: &Path) -> Result<Self, LearnerError> {
+        let failed = |path: &Path, source| LearnerError::Write { path: path.into(), source };
+        fs::create_dir_all(path).map_err(|source| failed(path, source))?;
+        let draft = path.join(format!(".recording-{}.part", std::process::id()));
+        File::create(&draft).map_err(|source| failed(&draft, source))?;
+        fs::remove_file(&draft).map_err(|source| failed(&draft, source))?;
+        Ok(Self { path: path.into(), draft })
+    }
+
+    /// Writes a demonstration under the next number, and reads it back before it gets its name.
+    ///
+    /// # Errors
+    /// [`LearnerError::Input`] when training would refuse the file, [`LearnerError::Write`] or
+    /// [`LearnerError::Read`] when the folder fails; there is no file then.
+    pub(super) fn save(
+        &self,
+        demonstration: &Demonstration,
+        start_frame: &str,
+        goal_frame: &str,
+    ) -> Result<PathBuf, LearnerError> {
+        let text = demonstration::to_text(demonstration, start_frame, goal_frame);
+        let named = self
+            .write(&text)
+            .and_then(|()| demonstration::read(&self.draft, start_frame, goal_frame))
+            .and_then(|_| self.name());
+        if named.is_err() {
+            // It may not be there at all.
+            let _ = fs::remove_file(&self.draft);
+        }
+        named
+    }
+
+    fn write(&self, text: &str) -> Result<(), LearnerError> {
+        File::create(&self.draft)
+            .and_then(|mut file| {
+                file.write_all(text.as_bytes())?;
+                file.sync_all()
+            })
+            .map_err(|source| LearnerError::Write { path: self.draft.clone(), source })
+    }
+
+    /// Gives the draft the next free name.
+    fn name(&self) -> Result<PathBuf, LearnerError> {
+        let mut refusal = Errno::EXIST;
+        for _ in 0..TRIES {
+            let path = self.path.join(format!("{:02}.json", self.last_number()? + 1));
+            match renameat_with(CWD, &self.draft, CWD, &path, RenameFlags::NOREPLACE) {
+                Ok(()) => return Ok(path),
+                // Somebody else was faster.
+                Err(Errno::EXIST) => {}
+                Err(other) => {
+                    refusal = other;
+                    break;
+                }
+            }
+        }
+        Err(LearnerError::Write { path: self.path.clone(), source: refusal.into() })
+    }
+
+    /// The greatest number that is the name of a JSON file, 0 without one.
+    fn last_number(&self) -> Result<u64, LearnerError> {
+        let unreadable = |source| LearnerError::Read { path: self.path.clone(), source };
+        let mut last = 0;
+        for entry in fs::read_dir(&self.path).map_err(unreadable)? {
+            let name = entry.map_err(unreadable)?.file_name().to_string_lossy().into_owned();
+            let number = name.strip_suffix(".json").and_then(|stem| stem.parse().ok());
+            last = last.max(number.filter(|n| *n < u64::MAX).unwrap_or(0));
+        }
+        Ok(last)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use tprmp_model::skill_model::Manifold;
+    use tprmp_rmpflow::frame_map::Pose;
+
+    fn demonstration(points: i32) -> Demonstration {
+        let at = |x| Pose { position: DVec3::new(x, 0.5 * x, 0.0), ..Pose::IDENTITY };
+        Demonstration {
+            name: String::new(),
+            sha256: String::new(),
+            skill: "planar".into(),
+            manifold: Manifold::R2,
+            sampling_time_s: 0.01,
+            start: at(0.0),
+            goal_frame: at(1.0),
+            other_frames: std::collections::BTreeMap::new(),
+            poses: (0..points).map(|i| at(f64::from(i) * 0.125)).collect(),
+        }
+    }
+
+    #[test]
+    fn files_are_numbered_after_what_is_there_and_nothing_is_replaced_or_left() {
+        let path = std::env::temp_dir().join(format!("tprmp-record-file-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&path);
+        let folder = Folder::open(&path.join("deeper")).unwrap();
+        let save = |points| folder.save(&demonstration(points), "start", "end");
+        let names = || {
+            let mut names: Vec<_> = fs::read_dir(&folder.path)
+                .unwrap()
+                .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+                .collect();
+            names.sort();
+            names
+        };
+        assert!(save(12).unwrap().ends_with("01.json"));
+        fs::write(folder.path.join("07.json"), "not mine").unwrap();
+        fs::write(folder.path.join("pick_90.json"), "not numbered").unwrap();
+        let written = save(12).unwrap();
+        assert!(written.ends_with("08.json"));
+        let read = demonstration::read(&written, "start", "end").unwrap();
+        assert_eq!(read.poses, demonstration(12).poses);
+        let refused = save(3).unwrap_err();
+        assert!(matches!(refused, LearnerError::Input { .. }), "{refused}");
+        assert_eq!(names(), ["01.json", "07.json", "08.json", "pick_90.json"]);
+        assert_eq!(fs::read_to_string(folder.path.join("07.json")).unwrap(), "not mine");
+        fs::remove_dir_all(&path).unwrap();
+        assert!(matches!(save(12), Err(LearnerError::Write { .. })));
+        fs::write(&path, "a file").unwrap();
+        assert!(matches!(Folder::open(&path), Err(LearnerError::Write { .. })));
+        fs::remove_file(&path).unwrap();
+    }
+}

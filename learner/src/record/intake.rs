@@ -1,0 +1,329 @@
+//! Checks of what arrives: nothing unchecked goes further.
+
+use std::fmt;
+
+use glam::{DQuat, DVec3};
+use tprmp_messages::{FRAME_CAPACITY, Frame, NAME_CAPACITY, RobotState, TaskFrames, name_str};
+use tprmp_model::skill_model::Manifold;
+use tprmp_rmpflow::frame_map::Pose;
+
+/// Two states farther apart than this do not tell how the arm moved in between [ns].
+pub(super) const GAP_MAX_NS: u64 = 100_000_000;
+/// Of states that follow each other faster, not every one is taken [ns]: what a demonstration holds
+/// is bounded.
+const STEP_MIN_NS: u64 = 400_000;
+/// Older frames are not believed [ns].
+const FRAMES_AGE_MAX_NS: u64 = 1_000_000_000;
+/// How far a quaternion's length may be from one, and a planar turn's axis from z.
+const QUATERNION_TOLERANCE: f64 = 1e-3;
+/// How far a frame of a planar skill may lie off the plane [m]: files are written with six decimals.
+const OFF_PLANE_MAX_M: f64 = 5e-7;
+
+/// What is wrong with a state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Fault {
+    /// Another number of joints than the robot's description.
+    JointCount { expected: usize, found: u32 },
+    /// A joint position is not finite.
+    NotFinite,
+    /// The publisher was started again.
+    SequenceWentBack,
+    /// The clock of the states went back.
+    TimeWentBack,
+    /// The state before it is too long ago.
+    Gap,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::JointCount { expected, found } => {
+                write!(f, "a state has {found} joints, the robot's description has {expected}")
+            }
+            Self::NotFinite => f.write_str("a joint position is not finite"),
+            Self::SequenceWentBack => {
+                f.write_str("the sequence number went back, so the publisher was started again")
+            }
+            Self::TimeWentBack => f.write_str("the time stamp of the states went back"),
+            Self::Gap => {
+                write!(f, "more than {} s lie between two states", GAP_MAX_NS as f64 * 1e-9)
+            }
+        }
+    }
+}
+
+/// Checks states, one after the other.
+#[derive(Debug)]
+pub(super) struct StateIntake {
+    joints: usize,
+    /// Sequence number and time of the newest state [ns].
+    last: Option<(u64, u64)>,
+    /// Time of the newest state that was taken [ns].
+    taken_ns: Option<u64>,
+    /// Sequence numbers skipped since then.
+    skipped: u64,
+}
+
+impl StateIntake {
+    pub(super) fn new(joints: usize) -> Self {
+        Self { joints, last: None, taken_ns: None, skipped: 0 }
+    }
+
+    /// The next state may be anything.
+    pub(super) fn forget(&mut self) {
+        *self = Self::new(self.joints);
+    }
+
+    /// Checks a state. Gives the sequence numbers that were skipped before it; `None` when it tells
+    /// nothing new, because it was measured at the time of another one.
+    ///
+    /// # Errors
+    /// What is wrong with it. The one after it is compared with it all the same.
+    pub(super) fn take(&mut self, state: &RobotState) -> Result<Option<u64>, Fault> {
+        let before = self.last.replace((state.sequence, state.time_ns));
+        let result = self.judge(state, before);
+        if result.is_err() {
+            self.taken_ns = None;
+            self.skipped = 0;
+        }
+        result
+    }
+
+    fn judge(
+        &mut self,
+        state: &RobotState,
+        before: Option<(u64, u64)>,
+    ) -> Result<Option<u64>, Fault> {
+        if state.joint_count as usize != self.joints {
+            return Err(Fault::JointCount { expected: self.joints, found: state.joint_count });
+        }
+        if !state.position[..self.joints].iter().all(|q| q.is_finite()) {
+            return Err(Fault::NotFinite);
+        }
+        if let Some((sequence, time_ns)) = before {
+            if state.sequence < sequence {
+                return Err(Fault::SequenceWentBack);
+            }
+            if state.time_ns < time_ns {
+                return Err(Fault::TimeWentBack);
+            }
+            if state.time_ns - time_ns > GAP_MAX_NS {
+                return Err(Fault::Gap);
+            }
+            self.skipped += (state.sequence - sequence).saturating_sub(1);
+        }
+        if self.taken_ns.is_some_and(|taken| state.time_ns - taken < STEP_MIN_NS) {
+            return Ok(None);
+        }
+        self.taken_ns = Some(state.time_ns);
+        Ok(Some(std::mem::take(&mut self.skipped)))
+    }
+}
+
+/// What is known of a frame; as text it goes on after "a frame, which".
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Sight {
+    /// No frames have been published.
+    Nothing,
+    /// It is not among them.
+    Absent,
+    /// It is marked invalid.
+    Invalid,
+    /// A number of it is not finite.
+    NotFinite,
+    /// Its quaternion is not of unit length.
+    NotUnit,
+    /// The skill is planar, it is not.
+    NotPlanar,
+    /// The frames are older than the state by too much.
+    Stale,
+    /// It is here, in `B`.
+    Seen(Pose),
+}
+
+impl fmt::Display for Sight {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Nothing => "is not there: no task frames are published",
+            Self::Absent => "is not among the published frames",
+            Self::Invalid => "is published as invalid",
+            Self::NotFinite => "has a number that is not finite",
+            Self::NotUnit => "has a quaternion that is not of unit length",
+            Self::NotPlanar => {
+                "is not in the plane: a planar skill has frames with z = 0, turned about z"
+            }
+            Self::Stale => "is older than the state by more than a second",
+            Self::Seen(_) => "is seen",
+        })
+    }
+}
+
+/// Start and goal frame of the skill.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Frames {
+    pub(super) start: Sight,
+    pub(super) goal: Sight,
+}
+
+/// Checks frames and keeps the newest.
+#[derive(Debug)]
+pub(super) struct FramesIntake {
+    names: [[u8; NAME_CAPACITY]; 2],
+    planar: bool,
+    newest: Frames,
+    time_ns: u64,
+    published: Vec<[u8; NAME_CAPACITY]>,
+}
+
+impl FramesIntake {
+    /// `names` of the start and the goal frame.
+    pub(super) fn new(names: [[u8; NAME_CAPACITY]; 2], manifold: Manifold) -> Self {
+        Self {
+            names,
+            planar: manifold == Manifold::R2,
+            newest: Frames { start: Sight::Nothing, goal: Sight::Nothing },
+            time_ns: 0,
+            published: Vec::with_capacity(FRAME_CAPACITY),
+        }
+    }
+
+    /// Nothing has been published.
+    pub(super) fn forget(&mut self) {
+        self.newest = Frames { start: Sight::Nothing, goal: Sight::Nothing };
+        self.published.clear();
+    }
+
+    /// Takes in a message.
+    pub(super) fn take(&mut self, message: &TaskFrames) {
+        let count = (message.frame_count as usize).min(FRAME_CAPACITY);
+        let frames = &message.frames[..count];
+        let planar = self.planar;
+        let find = |name: &[u8; NAME_CAPACITY]| {
+            frames.iter().find(|f| f.name == *name).map_or(Sight::Absent, |f| sight(f, planar))
+        };
+        self.newest = Frames { start: find(&self.names[0]), goal: find(&self.names[1]) };
+        self.time_ns = message.time_ns;
+        self.published.clear();
+        self.published.extend(frames.iter().map(|f| f.name));
+    }
+
+    /// The frames as they count for a state of this time [ns].
+    pub(super) fn at(&self, state_ns: u64) -> Frames {
+        let stale = state_ns.saturating_sub(self.time_ns) > FRAMES_AGE_MAX_NS;
+        let aged = |sight| match sight {
+            Sight::Seen(_) if stale => Sight::Stale,
+            sight => sight,
+        };
+        Frames { start: aged(self.newest.start), goal: aged(self.newest.goal) }
+    }
+
+    /// Names of all published frames, for people.
+    pub(super) fn published(&self) -> String {
+        let names = self.published.iter().map(|name| name_str(name).unwrap_or("?"));
+        let names: Vec<_> = names.map(|name| format!("`{name}`")).collect();
+        if names.is_empty() { "none".into() } else { names.join(", ") }
+    }
+}
+
+fn sight(frame: &Frame, planar: bool) -> Sight {
+    if frame.valid != 1 {
+        return Sight::Invalid;
+    }
+    if !frame.position.iter().chain(&frame.quaternion).all(|v| v.is_finite()) {
+        return Sight::NotFinite;
+    }
+    let [w, x, y, z] = frame.quaternion;
+    let mut position = DVec3::from(frame.position);
+    let mut orientation = DQuat::from_xyzw(x, y, z, w);
+    if (orientation.length() - 1.0).abs() > QUATERNION_TOLERANCE {
+        return Sight::NotUnit;
+    }
+    if planar {
+        if position.z.abs() > OFF_PLANE_MAX_M || x.hypot(y) > QUATERNION_TOLERANCE {
+            return Sight::NotPlanar;
+        }
+        position.z = 0.0;
+        orientation = DQuat::from_xyzw(0.0, 0.0, z, w);
+    }
+    Sight::Seen(Pose { position, orientation: orientation.normalize() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tprmp_messages::name_bytes;
+
+    fn state(sequence: u64, time_ns: u64) -> RobotState {
+        RobotState { sequence, time_ns, joint_count: 2, ..Default::default() }
+    }
+
+    #[test]
+    fn every_faulty_state_has_its_fault_and_the_next_good_one_is_taken() {
+        type Edit = fn(&mut RobotState);
+        let cases: [(Edit, Fault); 5] = [
+            (|s| s.joint_count = 3, Fault::JointCount { expected: 2, found: 3 }),
+            (|s| s.position[1] = f64::NAN, Fault::NotFinite),
+            (|s| s.sequence = 4, Fault::SequenceWentBack),
+            (|s| s.time_ns -= 2_000_000, Fault::TimeWentBack),
+            (|s| s.time_ns += GAP_MAX_NS, Fault::Gap),
+        ];
+        for (edit, fault) in cases {
+            let mut intake = StateIntake::new(2);
+            assert_eq!(intake.take(&state(10, 1_000_000_000)), Ok(Some(0)));
+            let mut bad = state(11, 1_001_000_000);
+            edit(&mut bad);
+            assert_eq!(intake.take(&bad), Err(fault));
+            let next = state(bad.sequence + 1, bad.time_ns + 1_000_000);
+            assert_eq!(intake.take(&next), Ok(Some(0)), "{fault:?}");
+        }
+    }
+
+    #[test]
+    fn skipped_numbers_are_counted_and_repeated_measurements_tell_nothing() {
+        let mut intake = StateIntake::new(2);
+        // What is beyond the joints does not count.
+        let mut first = state(1, 0);
+        first.position[2] = f64::NAN;
+        assert_eq!(intake.take(&first), Ok(Some(0)));
+        assert_eq!(intake.take(&state(4, 1_000_000)), Ok(Some(2)));
+        assert_eq!(intake.take(&state(6, 1_000_000)), Ok(None));
+        assert_eq!(intake.take(&state(7, 1_100_000)), Ok(None));
+        assert_eq!(intake.take(&state(8, 2_000_000)), Ok(Some(1)));
+        intake.forget();
+        assert_eq!(intake.take(&state(1, 0)), Ok(Some(0)));
+    }
+
+    #[test]
+    fn every_defect_of_a_frame_is_seen() {
+        type Edit = fn(&mut TaskFrames);
+        let cases: [(Edit, Sight); 7] = [
+            (|m| m.frame_count = 1, Sight::Absent),
+            (|m| m.frames[1].name[0] = b'x', Sight::Absent),
+            (|m| m.frames[1].valid = 0, Sight::Invalid),
+            (|m| m.frames[1].position[0] = f64::INFINITY, Sight::NotFinite),
+            (|m| m.frames[1].quaternion = [0.9, 0.0, 0.0, 0.0], Sight::NotUnit),
+            (|m| m.frames[1].position[2] = 0.01, Sight::NotPlanar),
+            (|m| m.frames[1].quaternion = [0.0, 1.0, 0.0, 0.0], Sight::NotPlanar),
+        ];
+        let names = [name_bytes("start").unwrap(), name_bytes("end").unwrap()];
+        let frame =
+            |name| Frame { name, valid: 1, quaternion: [1.0, 0.0, 0.0, 0.0], ..Default::default() };
+        let mut good = TaskFrames { frame_count: 2, time_ns: 5, ..Default::default() };
+        good.frames[..2].copy_from_slice(&names.map(frame));
+        let mut intake = FramesIntake::new(names, Manifold::R2);
+        assert_eq!(intake.at(0).goal, Sight::Nothing);
+        for (edit, expected) in cases {
+            let mut message = good;
+            edit(&mut message);
+            intake.take(&message);
+            assert_eq!(intake.at(5).goal, expected);
+            assert_eq!(intake.at(5).start, Sight::Seen(Pose::IDENTITY));
+        }
+        intake.take(&good);
+        assert_eq!(intake.at(5 + FRAMES_AGE_MAX_NS).goal, Sight::Seen(Pose::IDENTITY));
+        assert_eq!(intake.at(6 + FRAMES_AGE_MAX_NS).goal, Sight::Stale);
+        assert_eq!(intake.published(), "`start`, `end`");
+        intake.forget();
+        assert_eq!((intake.at(5).goal, intake.published()), (Sight::Nothing, "none".into()));
+    }
+}

@@ -1,0 +1,416 @@
+//! `learner record` beside a publisher of this test's own: what it writes is what was published.
+
+use std::cell::Cell;
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::thread::{sleep, spawn};
+use std::time::{Duration, Instant};
+
+use tprmp_learner::demonstration::{self, Demonstration};
+use tprmp_messages::{Frame, Instance, RobotState, StatePublisherPorts, TaskFrames, name_bytes};
+
+use crate::common::{Place, file, program, run, text};
+
+/// Time between two states on their own clock [ns]; in truth they follow each other faster.
+const STEP_NS: u64 = 5_000_000;
+const PACE: Duration = Duration::from_millis(2);
+/// Longest anything may take.
+const PATIENCE: Duration = Duration::from_secs(60);
+const START: [f64; 2] = [-0.4, 0.1];
+const GOAL: [f64; 2] = [0.5, 0.3];
+
+/// A point in the plane that is led by hand.
+struct Robot {
+    ports: StatePublisherPorts,
+    state: RobotState,
+    frames: TaskFrames,
+}
+
+impl Robot {
+    fn new(place: &Place) -> Self {
+        let frame = |name: &str, [x, y]: [f64; 2]| Frame {
+            name: name_bytes(name).unwrap(),
+            valid: 1,
+            position: [x, y, 0.0],
+            quaternion: [0.995_004_165, 0.0, 0.0, 0.099_833_417],
+            ..Default::default()
+        };
+        let mut frames = TaskFrames { frame_count: 2, ..Default::default() };
+        frames.frames[0] = frame("start", START);
+        frames.frames[1] = frame("end", GOAL);
+        let ports = Instance::new(&place.instance).unwrap().open_state_publisher().unwrap();
+        let mut state = RobotState { joint_count: 2, time_ns: 1_000_000_000, ..Default::default() };
+        state.position[..2].copy_from_slice(&START);
+        Self { ports, state, frames }
+    }
+
+    fn publish(&mut self) {
+        self.state.sequence += 1;
+        self.state.time_ns += STEP_NS;
+        self.frames.sequence += 1;
+        self.frames.time_ns = self.state.time_ns;
+        assert!(self.ports.frames.publish(self.frames) && self.ports.state.publish(self.state));
+        sleep(PACE);
+    }
+
+    /// Stays where it is until the recorder has said this; gives what it said since the last time.
+    fn rest_until(&mut self, recorder: &Recorder, said: &str) -> String {
+        let begin = Instant::now();
+        while !recorder.has_said(said) {
+            assert!(begin.elapsed() < PATIENCE, "expected `{said}` in: {}", recorder.all_said());
+            self.publish();
+        }
+        recorder.hear()
+    }
+
+    /// Moves on a bow to another place; `each` is called before each state with the share of time.
+    fn go(&mut self, to: [f64; 2], mut each: impl FnMut(&mut Self, f64)) {
+        let from = [self.state.position[0], self.state.position[1]];
+        for step in 1..=STEPS {
+            let share = f64::from(step) / f64::from(STEPS);
+            self.state.position[..2].copy_from_slice(&bow(from, to, share));
+            each(self, share);
+            self.publish();
+        }
+    }
+}
+
+/// States of a motion: two seconds on their clock.
+const STEPS: u32 = 400;
+
+/// Where the point is after this share of the time.
+fn bow(from: [f64; 2], to: [f64; 2], share: f64) -> [f64; 2] {
+    let t = share.clamp(0.0, 1.0);
+    let s = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t);
+    let side = 0.15 * (std::f64::consts::PI * s).sin();
+    [from[0] + (to[0] - from[0]) * s, from[1] + (to[1] - from[1]) * s + side]
+}
+
+/// `learner record`, and what it says.
+struct Recorder {
+    child: Child,
+    said: Arc<Mutex<String>>,
+    /// So much of it has been looked at.
+    heard: Cell<usize>,
+}
+
+impl Recorder {
+    fn command(place: &Place, options: &[&str]) -> Command {
+        let mut command = program("learner");
+        command
+            .args(["record", &file("config/controllers/planar.ron")])
+            .args(["--skill", &file("config/skills/planar.ron")])
+            .args(["--out", &place.path("shown"), "--instance", &place.instance])
+            .args(options)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        command
+    }
+
+    fn start(place: &Place, options: &[&str]) -> Self {
+        let mut child = Self::command(place, options).spawn().unwrap();
+        let said = Arc::new(Mutex::new(String::new()));
+        let mut err = child.stderr.take().unwrap();
+        let mut out = child.stdout.take().unwrap();
+        let listen = |source: &mut dyn Read, said: &Mutex<String>| {
+            let mut bytes = [0; 4096];
+            while let Ok(count @ 1..) = source.read(&mut bytes) {
+                said.lock().unwrap().push_str(&String::from_utf8_lossy(&bytes[..count]));
+            }
+        };
+        let heard = Arc::clone(&said);
+        spawn(move || listen(&mut err, &heard));
+        let heard = Arc::clone(&said);
+        spawn(move || listen(&mut out, &heard));
+        Self { child, said, heard: Cell::new(0) }
+    }
+
+    fn all_said(&self) -> String {
+        self.said.lock().unwrap().clone()
+    }
+
+    fn has_said(&self, text: &str) -> bool {
+        self.said.lock().unwrap()[self.heard.get()..].contains(text)
+    }
+
+    /// Gives what it said since the last time.
+    fn hear(&self) -> String {
+        let said = self.said.lock().unwrap();
+        said[self.heard.replace(said.len())..].into()
+    }
+
+    /// Waits for this without a publisher.
+    fn wait_until(&self, said: &str) {
+        let begin = Instant::now();
+        while !self.has_said(said) {
+            assert!(begin.elapsed() < PATIENCE, "expected `{said}` in: {}", self.all_said());
+            sleep(PACE);
+        }
+    }
+
+    fn interrupt(self) -> String {
+        let id = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+        self.end()
+    }
+
+    /// Waits for its end; it succeeds. Gives all that it said.
+    fn end(mut self) -> String {
+        let begin = Instant::now();
+        while self.child.try_wait().unwrap().is_none() {
+            if begin.elapsed() > PATIENCE {
+                self.child.kill().unwrap();
+                panic!("it did not end: {}", self.all_said());
+            }
+            sleep(PACE);
+        }
+        assert!(self.child.wait().unwrap().success(), "{}", self.all_said());
+        self.heard.set(0);
+        self.wait_until("learner: ended");
+        self.all_said()
+    }
+}
+
+/// A test that fails leaves no process behind.
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        // It has ended already when the test did not fail.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Names in the folder of demonstrations.
+fn names(place: &Place) -> Vec<String> {
+    let entries = fs::read_dir(place.path("shown")).unwrap().flatten();
+    let mut names: Vec<_> = entries.map(|e| e.file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+fn read(place: &Place, name: &str) -> Demonstration {
+    demonstration::read(Path::new(&place.path(&format!("shown/{name}"))), "start", "end").unwrap()
+}
+
+/// The largest distance [m] of the samples from what was published, where the first one is the
+/// published state that fits best.
+fn error_m(shown: &Demonstration, from: [f64; 2], to: [f64; 2]) -> f64 {
+    let error_at = |first: i32| {
+        let errors = shown.poses.iter().enumerate().map(|(k, pose)| {
+            let step = f64::from(first) + k as f64 * shown.sampling_time_s * 1e9 / STEP_NS as f64;
+            let [x, y] = bow(from, to, step / f64::from(STEPS));
+            (pose.position.x - x).hypot(pose.position.y - y)
+        });
+        errors.fold(0.0, f64::max)
+    };
+    (-100..=100).map(error_at).fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+fn what_is_written_is_what_was_published_one_file_a_motion() {
+    let place = Place::new("record");
+    fs::create_dir_all(place.path("shown")).unwrap();
+    fs::write(place.path("shown/07.json"), "not mine").unwrap();
+    let recorder = Recorder::start(&place, &["--count", "2", "--sampling-time-s", "0.008"]);
+    recorder.wait_until("waiting for a state of the robot");
+    let mut robot = Robot::new(&place);
+    robot.rest_until(&recorder, "ready");
+    robot.go(GOAL, |_, _| {});
+    robot.rest_until(&recorder, "08.json: ");
+    // Shown from elsewhere, and the frame with it.
+    let other = [-0.2, -0.3];
+    robot.rest_until(&recorder, "ready");
+    robot.frames.frames[0].position[..2].copy_from_slice(&GOAL);
+    robot.frames.frames[1].position[..2].copy_from_slice(&other);
+    robot.go(other, |_, _| {});
+    robot.rest_until(&recorder, "09.json: ");
+    assert!(recorder.end().contains("2 demonstrations"));
+    drop(robot);
+    assert_eq!(place.leftovers(), Vec::<PathBuf>::new());
+
+    assert_eq!(names(&place), ["07.json", "08.json", "09.json"]);
+    assert_eq!(fs::read_to_string(place.path("shown/07.json")).unwrap(), "not mine");
+    for (name, from, to) in [("08.json", START, GOAL), ("09.json", GOAL, other)] {
+        let shown = read(&place, name);
+        assert_eq!((shown.skill.as_str(), shown.sampling_time_s), ("planar", 0.008));
+        // Six decimals, and straight lines between states.
+        let error = error_m(&shown, from, to);
+        assert!(error < 5e-5, "{name}: {error} m");
+        let ends = [&shown.poses[0], &shown.poses[shown.poses.len() - 1]];
+        for ((end, at), frame) in
+            ends.into_iter().zip([from, to]).zip([&shown.start, &shown.goal_frame])
+        {
+            assert!((end.position.x - at[0]).hypot(end.position.y - at[1]) < 3e-4, "{name}");
+            assert_eq!((frame.position.x, frame.position.y), (at[0], at[1]), "{name}");
+            assert!((frame.orientation.z - 0.099_833).abs() < 1e-6);
+        }
+    }
+}
+
+#[test]
+fn an_interrupt_keeps_what_was_shown_so_far_and_nothing_else() {
+    let place = Place::new("record-interrupt");
+    let recorder = Recorder::start(&place, &[]);
+    let mut robot = Robot::new(&place);
+    robot.rest_until(&recorder, "ready");
+    assert!(recorder.interrupt().contains("0 demonstrations"));
+    assert_eq!(names(&place), Vec::<String>::new());
+
+    let recorder = Recorder::start(&place, &[]);
+    robot.rest_until(&recorder, "ready");
+    robot.state.position[0] += 0.004;
+    robot.publish();
+    robot.rest_until(&recorder, "not recorded: the tool moved by");
+    robot.rest_until(&recorder, "ready");
+    let from = [robot.state.position[0], robot.state.position[1]];
+    for step in 1..=STEPS / 2 {
+        let at = bow(from, GOAL, f64::from(step) / f64::from(STEPS));
+        robot.state.position[..2].copy_from_slice(&at);
+        robot.publish();
+    }
+    let said = recorder.interrupt();
+    assert!(said.contains("01.json") && said.contains("1 demonstration"), "{said}");
+    assert_eq!(names(&place), ["01.json"]);
+    let error = error_m(&read(&place, "01.json"), from, GOAL);
+    assert!(error < 5e-5, "{error} m");
+}
+
+#[test]
+fn frames_that_move_or_are_missing_are_named_and_nothing_is_written() {
+    let place = Place::new("record-frames");
+    let recorder = Recorder::start(&place, &["--count", "1"]);
+    let mut robot = Robot::new(&place);
+    let good = robot.frames;
+    robot.frames.frames[1].name = name_bytes("other").unwrap();
+    robot.rest_until(&recorder, "waiting for frame `end`, which is not among the published frames");
+    robot.go(GOAL, |_, _| {});
+    robot.rest_until(&recorder, "not recorded: the arm moves, but frame `end`");
+    robot.frames = good;
+    robot.frames.frames[1].valid = 0;
+    robot.rest_until(&recorder, "waiting for frame `end`, which is published as invalid");
+    robot.frames = good;
+    robot.rest_until(&recorder, "ready");
+    robot.go(START, |robot, share| robot.frames.frames[1].position[1] = GOAL[1] + 0.1 * share);
+    robot.rest_until(&recorder, "not recorded: frame `end` moved by");
+    robot.rest_until(&recorder, "ready");
+    assert_eq!(names(&place), Vec::<String>::new());
+
+    // A robot led by hand: nobody publishes a start frame.
+    robot.frames = good;
+    robot.frames.frames[0] = good.frames[1];
+    robot.frames.frame_count = 1;
+    let from = [robot.state.position[0], robot.state.position[1]];
+    robot.go(GOAL, |_, _| {});
+    let said = robot.rest_until(&recorder, "01.json");
+    assert!(said.contains("frame `start` is not published: the tool's pose"), "{said}");
+    recorder.end();
+    assert_eq!(names(&place), ["01.json"]);
+    let shown = read(&place, "01.json");
+    assert_eq!(shown.start, shown.poses[0]);
+    assert!((shown.start.position.x - from[0]).hypot(shown.start.position.y - from[1]) < 1e-5);
+}
+
+#[test]
+fn faulty_states_and_a_publisher_that_goes_end_a_demonstration_and_the_next_one_is_recorded() {
+    let place = Place::new("record-faults");
+    let recorder = Recorder::start(&place, &["--count", "1"]);
+    let mut robot = Robot::new(&place);
+    type Fault = fn(&mut RobotState);
+    let faults: [(Fault, &str); 4] = [
+        (|s| s.position[1] = f64::NAN, "a joint position is not finite"),
+        (|s| s.joint_count = 6, "a state has 6 joints"),
+        (|s| s.time_ns += 1_000_000_000, "more than 0.1 s lie between two states"),
+        (|s| s.sequence = 0, "the sequence number went back"),
+    ];
+    for (i, (fault, said)) in faults.into_iter().enumerate() {
+        robot.rest_until(&recorder, "ready");
+        robot.go(if i % 2 == 0 { GOAL } else { START }, |robot, share| {
+            if share == 0.5 {
+                let state = robot.state;
+                fault(&mut robot.state);
+                robot.publish();
+                let (sequence, time_ns) = (robot.state.sequence, robot.state.time_ns);
+                robot.state = RobotState { sequence, time_ns, ..state };
+            }
+        });
+        robot.rest_until(&recorder, &format!("not recorded: {said}"));
+    }
+    // Gone in the middle, and back with numbers of its own.
+    robot.rest_until(&recorder, "ready");
+    for step in 1..=STEPS / 2 {
+        let at = bow(START, GOAL, f64::from(step) / f64::from(STEPS));
+        robot.state.position[..2].copy_from_slice(&at);
+        robot.publish();
+    }
+    drop(robot);
+    recorder.wait_until("not recorded: no state arrived");
+    recorder.wait_until("the publisher is gone");
+    recorder.hear();
+    let mut robot = Robot::new(&place);
+    robot.rest_until(&recorder, "ready");
+    assert_eq!(names(&place), Vec::<String>::new());
+    robot.go(GOAL, |_, _| {});
+    robot.rest_until(&recorder, "01.json");
+    recorder.end();
+    let error = error_m(&read(&place, "01.json"), START, GOAL);
+    assert!(error < 5e-5, "{error} m");
+    drop(robot);
+    assert_eq!(place.leftovers(), Vec::<PathBuf>::new());
+}
+
+#[test]
+fn recording_beside_a_controller_changes_none_of_its_commands() {
+    let place = Place::new("record-beside");
+    let model = place.train("planar");
+    let mut streams = Vec::new();
+    for beside in [false, true] {
+        let recorder = beside.then(|| Recorder::start(&place, &[]));
+        if let Some(recorder) = &recorder {
+            recorder.wait_until("waiting for a state of the robot");
+        }
+        let config = file("config/controllers/planar.ron");
+        let controller = place.controller(&config, &model, &["--lockstep", "--until-done"]);
+        let commands = place.path("commands.bin");
+        let output = run(program("planar-sim")
+            .args(["run", "--seed", "1", "--out", &place.path(""), "--lockstep"])
+            .args(["--instance", &place.instance, "--record-commands", &commands]));
+        assert!(output.status.success(), "{}", text(&output));
+        let output = crate::common::finish(controller);
+        assert!(output.status.success(), "{}", text(&output));
+        if let Some(recorder) = recorder {
+            recorder.interrupt();
+        }
+        streams.push(fs::read(commands).unwrap());
+        assert_eq!(place.leftovers(), Vec::<PathBuf>::new());
+    }
+    assert!(!streams[0].is_empty() && streams[0] == streams[1]);
+}
+
+#[test]
+fn what_cannot_be_recorded_is_refused_before_anything_is_opened() {
+    let place = Place::new("record-refused");
+    let refused = |config: &str, skill: &str, options: &[&str], expected: &[&str]| {
+        let output = run(program("learner")
+            .args(["record", config, "--skill", skill, "--instance", &place.instance])
+            .args(options));
+        let said = text(&output);
+        assert!(!output.status.success(), "{said}");
+        for part in expected {
+            assert!(said.contains(part), "expected `{part}` in: {said}");
+        }
+        assert!(place.leftovers().is_empty());
+    };
+    let (config, skill) = (file("config/controllers/planar.ron"), file("config/skills/planar.ron"));
+    let out = place.path("shown");
+    refused("none.ron", &skill, &["--out", &out], &["none.ron", "cannot be read"]);
+    refused(&config, "none.ron", &["--out", &out], &["none.ron", "cannot be read"]);
+    let pick = file("config/skills/pick.ron");
+    refused(&config, &pick, &["--out", &out], &["tool_frame", "`point`", "`suction_tip`"]);
+    refused(&config, &skill, &["--out", &out, "--sampling-time-s", "0"], &["0.001 to 0.1 s"]);
+    fs::write(place.path("file"), "").unwrap();
+    let below = place.path("file/shown");
+    refused(&config, &skill, &["--out", &below], &["file/shown", "cannot be written"]);
+}
