@@ -1,7 +1,7 @@
 # make demo          the main job: learn the pick and run it on a simulated UR5 (SEED=n varies the scene)
 # make demo-planar   the same in the plane, without Python
 # make test          set everything up and pass all tests
-# make bench         measure one evaluation of the policy
+# make bench         measure one evaluation of the policy, and training
 # make lint          formatting and static checks
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
@@ -86,6 +86,7 @@ bench: build
 	@for skill in pick planar; do \
 	    $(BIN)/learner train config/skills/$$skill.ron --out target/bench/$$skill.model.ron > /dev/null || exit 1; done
 	$(CARGO) bench --locked --bench evaluation
+	$(CARGO) bench --locked --bench training
 
 lint: venv
 	@echo '== lint'
