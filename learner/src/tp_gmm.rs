@@ -66,9 +66,9 @@ pub struct TpGmm {
 /// is the same, then the others.
 #[must_use]
 pub fn frames(skill: &Skill, demonstration: &Demonstration) -> Vec<(String, Pose)> {
-    let mut frames = vec![(skill.start_frame.clone(), demonstration.start)];
-    if skill.goal_frame == skill.start_frame {
-        frames.clear();
+    let mut frames = Vec::new();
+    if skill.start_frame != skill.goal_frame {
+        frames.push((skill.start_frame.clone(), demonstration.start));
     }
     frames.push((skill.goal_frame.clone(), demonstration.goal_frame));
     for name in &skill.other_frames {
