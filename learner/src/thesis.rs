@@ -45,8 +45,9 @@ use crate::train::blaming;
 
 /// A slower sample shows no direction: share of the demonstration's largest speed.
 const SPEED_SHARE_MIN: f64 = 0.02;
-/// Weight of Σ d² against the mean energy error, relative to the energy.
-const TIE_BREAK: f64 = 1e-8;
+/// Weight of the mean of (d/d̄)² against the mean energy error, relative to the energy; d̄ is the even
+/// damping that would dissipate it.
+const TIE_BREAK: f64 = 1e-6;
 /// Neighbours that differ by less than this share of the largest value are equal.
 const ACTIVE: f64 = 1e-4;
 /// Names of the programs.
@@ -278,7 +279,10 @@ fn fit_damping<const D: usize>(
     let scale = 1.0 / (size * all.len() as f64);
     let mut linear = vec![0.0; components];
     linear.extend(rows.iter().map(|(weight, ..)| weight * scale));
-    let tie_break = DMatrix::identity(components, components) * (2.0 * TIE_BREAK);
+    let most = |row: &(f64, f64, Vec<f64>)| row.2.iter().sum::<f64>();
+    let even = size / rows.iter().map(most).fold(f64::MIN_POSITIVE, f64::max);
+    let tie_break = DMatrix::identity(components, components)
+        * (2.0 * TIE_BREAK / (components as f64 * even * even));
     let mut program = ConicProgram::new(tie_break, linear);
     let mut nonnegative =
         vec![Affine { constant: -settings.damping_min, coefficients: vec![(0, 1.0)] }];
