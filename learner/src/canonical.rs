@@ -272,7 +272,8 @@ pub fn canonical_frames(demonstrations: &[Demonstration]) -> CanonicalFrames {
     CanonicalFrames { start, goal_frame, goal, positions_turn: true }
 }
 
-fn mean_pose(poses: &[Pose]) -> Pose {
+/// The mean of poses.
+pub(crate) fn mean_pose(poses: &[Pose]) -> Pose {
     let orientations: Vec<_> = poses.iter().map(|p| p.orientation).collect();
     let position = poses.iter().map(|p| p.position).sum::<DVec3>() / poses.len() as f64;
     let weights = vec![1.0; poses.len()];

@@ -4,7 +4,7 @@
 //! [`savitzky_golay`]) → Gaussian mixture in each frame ([`tp_gmm`], [`em`], [`k_means`],
 //! [`components`]) → policy, the canonical one ([`basis`], [`targets`], [`fit`]) or the thesis'
 //! ([`thesis`]) → certificate ([`certify`], [`rollout`]) → model. Demonstrations are files;
-//! [`record`] writes them from a live robot.
+//! [`record`] writes them from a live robot; [`plot`] draws what was learned.
 
 pub mod attractors;
 pub mod basis;
@@ -20,6 +20,7 @@ pub mod import;
 pub mod k_means;
 pub mod orientation;
 pub mod plausibility;
+pub mod plot;
 pub mod policy;
 pub mod record;
 pub mod report;

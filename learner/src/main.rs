@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use tprmp_learner::components::Components;
 use tprmp_learner::error::LearnerError;
 use tprmp_learner::import::{Interpolation, Selection, import};
-use tprmp_learner::{record, report, train};
+use tprmp_learner::{plot, record, report, train};
 use tprmp_model::skill_model;
 
 /// Learns a skill from a few demonstrations.
@@ -65,6 +65,17 @@ enum Command {
     /// A demonstration begins when the arm starts to move and ends when it has rested for a second;
     /// then the next one is waited for. Ctrl-C ends. Nothing is ever sent to the robot.
     Record(record::Options),
+    /// Draw what a model has learned: pictures, and a page that shows them all
+    Plot {
+        /// Model file
+        model: PathBuf,
+        /// Folder of the demonstrations that the model was learned from
+        #[arg(long, value_name = "FOLDER")]
+        demonstrations: PathBuf,
+        /// Folder to write the pictures to; made when it is missing
+        #[arg(long, value_name = "FOLDER")]
+        out: PathBuf,
+    },
     /// Turn a file of another format into demonstration files
     ///
     /// Formats, by extension:
@@ -164,10 +175,21 @@ fn run(command: Command) -> Result<(), LearnerError> {
             }
             skill_model::write(&trained.model, &out)?;
             println!("wrote      {}", out.display());
+            if let Some(choice) = &trained.choice {
+                let path = out.with_extension("bic.svg");
+                std::fs::write(&path, plot::choice(choice))
+                    .map_err(|source| LearnerError::Write { path: path.clone(), source })?;
+                println!("wrote      {}", path.display());
+            }
         }
         Command::Record(options) => record::record(&options)?,
         Command::Inspect { model } => {
             print!("{}", report::inspected(&skill_model::read(&model)?));
+        }
+        Command::Plot { model, demonstrations, out } => {
+            for path in plot::plot(&model, &demonstrations, &out)? {
+                println!("wrote      {}", path.display());
+            }
         }
         Command::Import {
             foreign,

@@ -44,6 +44,11 @@ impl<'a> Learned<'a> {
         Ok(Self { model, policy: model.policy()? })
     }
 
+    /// The policy as it is evaluated.
+    pub(crate) fn policy(&self) -> &policy::Policy {
+        &self.policy
+    }
+
     /// The policy with these frames, in the order of the model's.
     #[must_use]
     pub fn situation(&self, frames: &[Pose]) -> Situation<'_> {

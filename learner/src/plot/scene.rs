@@ -1,0 +1,242 @@
+//! A policy among frames at rest: what its pictures need to know of it.
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+use tprmp_model::skill_model::{EvaluationError, Manifold, Policy, SkillModel};
+use tprmp_rmpflow::frame_map::{Canonical, Displacement, FrameMap, FrameMotion, Pose};
+use tprmp_rmpflow::gaussian_field::{GaussianComponent, GaussianField};
+use tprmp_rmpflow::policy::{self, PolicyState};
+use tprmp_rmpflow::product_skill::{ProductSkill, ProductState};
+
+use super::projection::Ellipsoid;
+use crate::policy::{Learned, Situation};
+use crate::rollout::{Course, acceleration, follow};
+
+/// Step of the rollouts [s].
+const STEP_S: f64 = 2e-3;
+/// Time between the poses of a rollout [s], and how many steps that is.
+pub(crate) const SAMPLE_S: f64 = 1e-2;
+const SAMPLE_STEPS: usize = 5;
+/// Bound on the duration of a rollout [s].
+const DURATION_MAX_S: f64 = 20.0;
+/// A rollout is over this near to the goal and to rest, in shares of the way from start to goal …
+const ARRIVED_SHARE: f64 = 1e-3;
+/// … and in radians.
+const ARRIVED_RAD: f64 = 5e-3;
+
+/// The position part of a policy at a point, at rest, for an inertia of 1 kg at the goal.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sample {
+    /// Φ above that of the goal [J].
+    pub potential: f64,
+    /// −∇Φ [N].
+    pub force: DVec3,
+    /// −M⁻¹∇Φ [m/s²].
+    pub acceleration: DVec3,
+    /// Mean eigenvalue of B over the directions in which the skill moves [kg/s].
+    pub damping: f64,
+}
+
+/// What the pictures of a model are made from.
+pub(crate) struct Skill<'a> {
+    /// The model.
+    pub model: &'a SkillModel,
+    /// The map of its frames.
+    pub map: FrameMap,
+    /// Its policy.
+    policy: Learned<'a>,
+    /// The part of it that leads positions: of a canonical policy its position field; of a product
+    /// of Gaussians on poses the whole, which does not fall into parts.
+    position: Learned<'a>,
+    /// Where the position part moves.
+    position_manifold: Manifold,
+}
+
+impl<'a> Skill<'a> {
+    /// Evaluates a model, of which `position` is [`position_part`].
+    ///
+    /// # Errors
+    /// When start and goal coincide, or the policy cannot be evaluated.
+    pub(crate) fn new(
+        model: &'a SkillModel,
+        position: &'a SkillModel,
+    ) -> Result<Self, EvaluationError> {
+        Ok(Self {
+            model,
+            map: FrameMap::new(model.canonical.into())?,
+            policy: Learned::new(model)?,
+            position: Learned::new(position)?,
+            position_manifold: position.manifold,
+        })
+    }
+
+    /// Whether it moves in the plane.
+    pub(crate) fn planar(&self) -> bool {
+        self.model.manifold == Manifold::R2
+    }
+
+    /// Whether start and goal are fixed to the same frame.
+    pub(crate) fn single_frame(&self) -> bool {
+        self.model.start_frame == self.model.goal_frame
+    }
+
+    /// Frames in the model's order, as the map takes them in.
+    pub(crate) fn displacement(&self, frames: &[Pose]) -> Displacement {
+        let motion = |p: usize| FrameMotion::at_rest(frames[p]);
+        if self.single_frame() {
+            self.map.displace_rigidly(&motion(0))
+        } else {
+            self.map.displace(&motion(0), &motion(1))
+        }
+    }
+}
+
+/// A model without what leads its orientation, where that is a field of its own.
+pub(crate) fn position_part(model: &SkillModel) -> SkillModel {
+    let mut part = model.clone();
+    if let Policy::Canonical { orientation, .. } = &mut part.policy
+        && orientation.take().is_some()
+    {
+        part.manifold = Manifold::R3;
+    }
+    part
+}
+
+/// A skill among frames at rest, in the robot's base frame.
+pub(crate) struct Scene<'a> {
+    /// The skill.
+    pub skill: &'a Skill<'a>,
+    /// The frames, in the model's order.
+    pub frames: Vec<Pose>,
+    /// Where the skill ends.
+    pub goal: Pose,
+    /// The policy's Gaussians over positions.
+    pub gaussians: Vec<Ellipsoid>,
+    /// Demonstrations as they would go among these frames.
+    pub demonstrations: Vec<Vec<Pose>>,
+}
+
+impl<'a> Scene<'a> {
+    /// A skill among these frames, in the model's order. Demonstrations and Gaussians, given in
+    /// canonical coordinates, are carried there by the frames' map; where the policy has Gaussians of
+    /// its own, the products of what the frames see, those are taken.
+    pub(crate) fn new(
+        skill: &'a Skill<'a>,
+        frames: Vec<Pose>,
+        demonstrations: &[Vec<Canonical>],
+        gaussians: &[Ellipsoid],
+    ) -> Self {
+        let displacement = skill.displacement(&frames);
+        let carried = |path: &Vec<Canonical>| -> Vec<Pose> {
+            path.iter().map(|y| skill.map.forward(&displacement, y)).collect()
+        };
+        let moving: Vec<FrameMotion> = frames.iter().copied().map(FrameMotion::at_rest).collect();
+        let policy = skill.policy.policy();
+        let products = match policy {
+            policy::Policy::Canonical(_) => {
+                gaussians.iter().map(|g| carry(&skill.map, &displacement, g)).collect()
+            }
+            policy::Policy::Plane(product) => products(product, &moving, gaussians),
+            policy::Policy::Space(product) => products(product, &moving, gaussians),
+            policy::Policy::Pose(product) => products(product, &moving, gaussians),
+        };
+        Self {
+            goal: policy.goal(&moving, &mut PolicyState::default()),
+            gaussians: products,
+            demonstrations: demonstrations.iter().map(carried).collect(),
+            skill,
+            frames,
+        }
+    }
+
+    /// Evaluates the position part at points, the tool turned as at the goal.
+    pub(crate) fn sampler(&self) -> impl FnMut(DVec3) -> Sample {
+        let goal = self.goal;
+        let manifold = self.skill.position_manifold;
+        let mut situation = self.skill.position.situation(&self.frames);
+        let at_goal = situation.evaluate(&goal, DVec3::ZERO, DVec3::ZERO).energy;
+        move |position| sample(&mut situation, manifold, at_goal, &Pose { position, ..goal })
+    }
+
+    /// Paths from these starts at rest, in their order, a pose every [`SAMPLE_S`].
+    pub(crate) fn rollouts(&self, starts: &[Pose]) -> Vec<Vec<Pose>> {
+        let canonical = self.skill.map.canonical();
+        let way = (canonical.goal.position - canonical.start.position).length();
+        let rollout = |start: &Pose| {
+            let course = Course {
+                start: *start,
+                goal: self.goal,
+                step_s: STEP_S,
+                steps: (DURATION_MAX_S / STEP_S) as usize,
+                arrived: Some([ARRIVED_SHARE * way, ARRIVED_RAD]),
+            };
+            let (mut path, mut step) = (Vec::new(), 0);
+            let mut situation = self.skill.policy.situation(&self.frames);
+            follow(&mut situation, self.skill.model.manifold, &course, |pose| {
+                if step % SAMPLE_STEPS == 0 {
+                    path.push(*pose);
+                }
+                step += 1;
+            });
+            path
+        };
+        starts.par_iter().map(rollout).collect()
+    }
+}
+
+/// Takes a Gaussian along with the frames, to first order at its mean.
+fn carry(map: &FrameMap, displacement: &Displacement, gaussian: &Ellipsoid) -> Ellipsoid {
+    let y = Canonical { position: gaussian.mean, rotation: DVec3::ZERO };
+    let pose = map.forward(displacement, &y);
+    let mapped = map.map(displacement, &pose, DVec3::ZERO, DVec3::ZERO, &mut 0.5);
+    let jacobian = mapped.position_jacobian.inverse();
+    Ellipsoid {
+        mean: pose.position,
+        covariance: jacobian * gaussian.covariance * jacobian.transpose(),
+        phase: gaussian.phase,
+    }
+}
+
+/// The products of what the frames see, with the phases of these Gaussians.
+fn products<const D: usize>(
+    skill: &ProductSkill<D>,
+    frames: &[FrameMotion],
+    gaussians: &[Ellipsoid],
+) -> Vec<Ellipsoid> {
+    let mut state = ProductState::new();
+    skill.update(frames, &mut state);
+    let components = state.field().map_or(&[][..], GaussianField::components);
+    let ellipsoid = |(component, gaussian): (&GaussianComponent<D>, &Ellipsoid)| {
+        let covariance = component.precision.try_inverse()?;
+        let mut ellipsoid =
+            Ellipsoid { mean: DVec3::ZERO, covariance: DMat3::ZERO, phase: gaussian.phase };
+        for i in 0..D.min(3) {
+            ellipsoid.mean[i] = component.mean[i];
+            for j in 0..D.min(3) {
+                ellipsoid.covariance.col_mut(j)[i] = covariance[(i, j)];
+            }
+        }
+        Some(ellipsoid)
+    };
+    components.iter().zip(gaussians).filter_map(ellipsoid).collect()
+}
+
+/// f = −∇Φ − ξ − B ẋ with ξ quadratic in ẋ: at rest it is −∇Φ, and half the difference of f for
+/// opposite velocities is −B ẋ.
+fn sample(situation: &mut Situation, manifold: Manifold, at_goal: f64, pose: &Pose) -> Sample {
+    let rest = situation.evaluate(pose, DVec3::ZERO, DVec3::ZERO);
+    let dimension = manifold.position_dimension();
+    let mut trace = 0.0;
+    for (i, axis) in DVec3::AXES.into_iter().enumerate().take(dimension) {
+        let [ahead, back] =
+            [axis, -axis].map(|v| situation.evaluate(pose, v, DVec3::ZERO).natural.force[i]);
+        trace += 0.5 * (back - ahead);
+    }
+    let force = rest.natural.force;
+    Sample {
+        potential: rest.energy - at_goal,
+        force: DVec3::new(force[0], force[1], force[2]),
+        acceleration: acceleration(&rest, manifold).map_or(DVec3::ZERO, |[linear, _]| linear),
+        damping: trace / dimension as f64,
+    }
+}
