@@ -401,7 +401,7 @@ fn page_head(model: &SkillModel) -> String {
          body {{ font: 15px/1.5 'Helvetica Neue', Helvetica, Arial, 'Liberation Sans', sans-serif; \
          color: {ink}; background: #f1f4f6; margin: 24px; }}\n\
          main {{ display: grid; gap: 20px; align-items: start; \
-         grid-template-columns: repeat(auto-fill, minmax(min(100%, 760px), 1fr)); }}\n\
+         grid-template-columns: repeat(auto-fill, minmax(min(100%, 600px), 1fr)); }}\n\
          figure {{ margin: 0; padding: 8px; background: white; border: 1px solid #d5dce2; \
          border-radius: 6px; }}\n\
          figure > svg {{ max-width: 100%; height: auto; }}\n\
