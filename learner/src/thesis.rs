@@ -55,17 +55,23 @@ const POTENTIAL: &str = "potential";
 const DAMPING: &str = "damping";
 
 /// A sample of a demonstration in the chart of its field.
-struct Sample<const D: usize> {
-    point: SVector<f64, D>,
-    velocity: SVector<f64, D>,
+#[derive(Clone, Copy, Debug)]
+pub struct Sample<const D: usize> {
+    /// ζ [m, rad].
+    pub point: SVector<f64, D>,
+    /// ζ̇ [m/s, rad/s].
+    pub velocity: SVector<f64, D>,
     /// Time until the next sample [s].
-    step_s: f64,
+    pub step_s: f64,
 }
 
-/// A demonstration, and the mixture of the products with its frames.
-struct Shown<const D: usize> {
-    samples: Vec<Sample<D>>,
-    field: GaussianField<D>,
+/// A demonstration, and the field of the products with its frames.
+#[derive(Clone, Debug)]
+pub struct Shown<const D: usize> {
+    /// Its samples, in order.
+    pub samples: Vec<Sample<D>>,
+    /// The field.
+    pub field: GaussianField<D>,
 }
 
 /// Potential and damping of a mixture of `components` that nothing was fitted to.
@@ -120,8 +126,8 @@ fn fit_in<const D: usize>(
     let names: Vec<&str> = demonstrations.iter().map(|d| d.name.as_str()).collect();
     let all = shown(&thesis)?;
     let (potentials, potential_fit) =
-        blaming(fit_potential(&all.iter().collect::<Vec<_>>(), components), &names, |i| {
-            fit_potential(&without(&all, i), components).is_ok()
+        blaming(fit_potential(&all.iter().collect::<Vec<_>>()), &names, |i| {
+            fit_potential(&without(&all, i)).is_ok()
         })?;
     thesis.potentials = potentials;
     let all = shown(&thesis)?;
@@ -185,13 +191,18 @@ fn shown<const D: usize>(
     Ok(Shown { samples, field })
 }
 
-/// φ⁰_k by eq. 4.15–4.16.
-fn fit_potential<const D: usize>(
+/// φ⁰_k by eq. 4.15–4.16; the potentials of the fields do not enter.
+///
+/// # Errors
+/// [`LearnerError::NotSolved`] when the solver finds no solution.
+///
+/// # Panics
+/// When there is no demonstration.
+pub fn fit_potential<const D: usize>(
     all: &[&Shown<D>],
-    components: usize,
 ) -> Result<(Vec<f64>, ProgramFit), LearnerError> {
     // Rows of ζ̂ + M⁻¹∇Φ as affine functions of φ⁰_1 … φ⁰_{K−1}.
-    let free = components - 1;
+    let free = all[0].field.components().len() - 1;
     let mut residuals: Vec<[Affine; D]> = Vec::new();
     for shown in all {
         let speed = |sample: &Sample<D>| sample.velocity.norm();
@@ -246,11 +257,17 @@ fn falls(k: usize, free: usize) -> Affine {
 }
 
 /// d_k by eq. 4.18–4.21, with the potentials of the fields.
-fn fit_damping<const D: usize>(
+///
+/// # Errors
+/// [`LearnerError::NotSolved`] when the solver finds no solution.
+///
+/// # Panics
+/// When there is no demonstration.
+pub fn fit_damping<const D: usize>(
     all: &[&Shown<D>],
     settings: &ThesisSettings,
 ) -> Result<(Vec<f64>, ProgramFit), LearnerError> {
-    let components = all.first().map_or(1, |shown| shown.field.components().len());
+    let components = all[0].field.components().len();
     // Rows of weight · (energy lost − Σ d_k dissipated_k), relative to the mean energy.
     let mut rows: Vec<(f64, f64, Vec<f64>)> = Vec::new();
     for shown in all {
