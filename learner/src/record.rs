@@ -107,14 +107,17 @@ pub fn record(options: &Options) -> Result<(), LearnerError> {
         );
         return Err(LearnerError::key(&options.skill, "tool_frame", problem));
     }
-    let wire_name = |key: &str, name: &str| -> Result<[u8; NAME_CAPACITY], LearnerError> {
+    let task = Task::new(&skill, options.sampling_time_s);
+    let wire_name = |name: &String| {
+        let key = match name {
+            name if *name == skill.goal_frame => "goal_frame",
+            name if *name == skill.start_frame => "start_frame",
+            _ => "other_frames",
+        };
         let problem = format!("expected a name of 1 to {NAME_CAPACITY} bytes, found `{name}`");
         name_bytes(name).ok_or_else(|| LearnerError::key(&options.skill, key, problem))
     };
-    let names = [
-        wire_name("start_frame", &skill.start_frame)?,
-        wire_name("goal_frame", &skill.goal_frame)?,
-    ];
+    let names = task.frames().map(wire_name).collect::<Result<Vec<_>, _>>()?;
     let arm = arm::read(&options.config, &config.robot)?;
     let folder = Folder::open(&options.out)?;
     let instance = Instance::new(&options.instance).map_err(RecordError::from)?;
@@ -124,8 +127,9 @@ pub fn record(options: &Options) -> Result<(), LearnerError> {
         count: options.count.unwrap_or(u32::MAX),
         states: StateIntake::new(arm.joints()),
         frames: FramesIntake::new(names, skill.manifold),
-        recorder: Recorder::new(Task::new(&skill, options.sampling_time_s)),
-        board: Board::new(&skill, &options.instance),
+        board: Board::new(&task, &options.instance),
+        recorder: Recorder::new(task),
+        skill,
         arm,
         folder,
         fault: None,
@@ -147,6 +151,7 @@ fn stop_signal() -> Result<Arc<AtomicBool>, std::io::Error> {
 /// One run of `learner record`.
 struct Session {
     count: u32,
+    skill: Skill,
     arm: Box<dyn Arm>,
     states: StateIntake,
     frames: FramesIntake,
@@ -221,11 +226,11 @@ impl Session {
     fn handle(&mut self, event: Option<Event>) -> Result<(), LearnerError> {
         match event {
             None => {}
-            Some(Event::Begun { start_shown: true }) => eprintln!("learner: recording"),
-            Some(Event::Begun { start_shown: false }) => eprintln!(
+            Some(Event::Begun { tool_as_start: false }) => eprintln!("learner: recording"),
+            Some(Event::Begun { tool_as_start: true }) => eprintln!(
                 "learner: recording; frame `{}` is not published: the tool's pose at the start \
                  serves as such",
-                self.board.start_frame
+                self.skill.start_frame
             ),
             Some(Event::Refused(why)) => eprintln!("learner: not recorded: {why}"),
             Some(Event::Shown(shown)) => self.save(*shown)?,
@@ -234,8 +239,8 @@ impl Session {
     }
 
     fn save(&mut self, shown: Shown) -> Result<(), LearnerError> {
-        let board = &self.board;
-        match self.folder.save(&shown.demonstration, &board.start_frame, &board.goal_frame) {
+        let Skill { start_frame, goal_frame, .. } = &self.skill;
+        match self.folder.save(&shown.demonstration, start_frame, goal_frame) {
             Ok(path) => {
                 self.written += 1;
                 // Who no longer listens does not end the session.
@@ -272,19 +277,18 @@ enum Status {
 /// Tells what is waited for, once each time it changes and lasts.
 struct Board {
     instance: String,
-    start_frame: String,
-    goal_frame: String,
+    /// Names of the frames, in their order.
+    frames: Vec<String>,
     /// Newest status, and since when.
     status: Option<(Status, Instant)>,
     told: Option<Status>,
 }
 
 impl Board {
-    fn new(skill: &Skill, instance: &str) -> Self {
+    fn new(task: &Task, instance: &str) -> Self {
         Self {
             instance: instance.into(),
-            start_frame: skill.start_frame.clone(),
-            goal_frame: skill.goal_frame.clone(),
+            frames: task.frames().cloned().collect(),
             status: None,
             told: None,
         }
@@ -321,8 +325,7 @@ impl Board {
             }
             Status::Fault(fault) => format!("waiting for sound states: {fault}"),
             Status::Stage(Stage::Unsettled) => "waiting for the arm to come to rest".into(),
-            Status::Stage(Stage::StartUnseen(sight)) => frame(&self.start_frame, sight),
-            Status::Stage(Stage::GoalUnseen(sight)) => frame(&self.goal_frame, sight),
+            Status::Stage(Stage::FrameUnseen(i, sight)) => frame(&self.frames[i], sight),
             Status::Stage(Stage::Ready) => "ready: waiting for the arm to move".into(),
             Status::Stage(Stage::Showing) => return None,
         })

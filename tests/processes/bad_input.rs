@@ -35,12 +35,7 @@ impl Case {
 
     /// A copy of the pick's configuration and robot with one text replaced.
     fn edited(&self, path: &str, from: &str, to: &str) -> String {
-        let text = std::fs::read_to_string(file(path)).unwrap();
-        assert!(text.contains(from), "`{from}` is not in {path}");
-        let name = std::path::Path::new(path).file_name().unwrap().to_str().unwrap();
-        let copy = self.place.path(name);
-        std::fs::write(&copy, text.replacen(from, to, 1)).unwrap();
-        copy
+        self.place.edited(path, &[(from, to)])
     }
 
     fn damaged(&self, edit: impl Fn(String) -> String) -> String {

@@ -79,11 +79,28 @@ impl Place {
         self.folder.join(name).to_str().expect("the repository's path is UTF-8").into()
     }
 
+    /// A copy of a file of the repository with each of these texts replaced once.
+    pub(crate) fn edited(&self, path: &str, edits: &[(&str, &str)]) -> String {
+        let mut text = std::fs::read_to_string(file(path)).expect("the file can be read");
+        for (from, to) in edits {
+            assert!(text.contains(from), "`{from}` is not in {path}");
+            text = text.replacen(from, to, 1);
+        }
+        let name = Path::new(path).file_name().and_then(|name| name.to_str());
+        let copy = self.path(name.expect("a file has a name"));
+        std::fs::write(&copy, text).expect("the folder can be written");
+        copy
+    }
+
     /// Trains a shipped skill.
     pub(crate) fn train(&self, skill: &str) -> String {
-        let model = self.path(&format!("{skill}.model.ron"));
-        let skill = file(&format!("config/skills/{skill}.ron"));
-        let output = run(program("learner").args(["train", &skill, "--out", &model]));
+        self.train_file(&file(&format!("config/skills/{skill}.ron")), &[])
+    }
+
+    /// Trains the skill of a skill file.
+    pub(crate) fn train_file(&self, skill: &str, options: &[&str]) -> String {
+        let model = self.path("model.ron");
+        let output = run(program("learner").args(["train", skill, "--out", &model]).args(options));
         assert!(output.status.success(), "{}", text(&output));
         model
     }

@@ -10,7 +10,9 @@ use std::thread::{sleep, spawn};
 use std::time::{Duration, Instant};
 
 use tprmp_learner::demonstration::{self, Demonstration};
+use tprmp_learner::skill::Skill;
 use tprmp_messages::{Frame, Instance, RobotState, StatePublisherPorts, TaskFrames, name_bytes};
+use tprmp_rmpflow::frame_map::Pose;
 
 use crate::common::{Place, file, program, run, text};
 
@@ -98,11 +100,11 @@ struct Recorder {
 }
 
 impl Recorder {
-    fn command(place: &Place, options: &[&str]) -> Command {
+    fn command(place: &Place, skill: &str, options: &[&str]) -> Command {
         let mut command = program("learner");
         command
             .args(["record", &file("config/controllers/planar.ron")])
-            .args(["--skill", &file("config/skills/planar.ron")])
+            .args(["--skill", skill])
             .args(["--out", &place.path("shown"), "--instance", &place.instance])
             .args(options)
             .stdout(Stdio::piped())
@@ -111,7 +113,11 @@ impl Recorder {
     }
 
     fn start(place: &Place, options: &[&str]) -> Self {
-        let mut child = Self::command(place, options).spawn().unwrap();
+        Self::start_with(place, &file("config/skills/planar.ron"), options)
+    }
+
+    fn start_with(place: &Place, skill: &str, options: &[&str]) -> Self {
+        let mut child = Self::command(place, skill, options).spawn().unwrap();
         let said = Arc::new(Mutex::new(String::new()));
         let mut err = child.stderr.take().unwrap();
         let mut out = child.stdout.take().unwrap();
@@ -311,6 +317,69 @@ fn frames_that_move_or_are_missing_are_named_and_nothing_is_written() {
     let shown = read(&place, "01.json");
     assert_eq!(shown.start, shown.poses[0]);
     assert!((shown.start.position.x - from[0]).hypot(shown.start.position.y - from[1]) < 1e-5);
+}
+
+#[test]
+fn further_frames_are_written_and_a_skill_of_one_frame_needs_no_other() {
+    let place = Place::new("record-further");
+    let mut robot = Robot::new(&place);
+    let good = robot.frames;
+    for (start, others, name) in
+        [("end", &["box"][..], "01.json"), ("start", &["box"], "02.json"), ("end", &[], "03.json")]
+    {
+        let skill = place.edited(
+            "config/skills/planar.ron",
+            &[
+                ("start_frame: \"start\"", &format!("start_frame: \"{start}\"")),
+                ("other_frames: []", &format!("other_frames: {others:?}")),
+            ],
+        );
+        let recorder = Recorder::start_with(&place, &skill, &["--count", "1"]);
+        robot.state.position[..2].copy_from_slice(&START);
+        robot.frames = good;
+        if start == "end" {
+            // What nobody asks for is not looked at.
+            robot.frames.frames[0].valid = 0;
+        }
+        if !others.is_empty() {
+            robot.rest_until(&recorder, "waiting for frame `box`, which is not among");
+            robot.frames.frame_count = 3;
+            robot.frames.frames[2] = good.frames[0];
+            robot.frames.frames[2].name = name_bytes("box").unwrap();
+            robot.rest_until(&recorder, "ready");
+            robot.go(GOAL, |robot, share| robot.frames.frames[2].position[0] = share);
+            robot.rest_until(&recorder, "not recorded: frame `box` moved by");
+            robot.state.position[..2].copy_from_slice(&START);
+            robot.frames.frames[2].position[..2].copy_from_slice(&[0.1, -0.2]);
+        }
+        robot.rest_until(&recorder, "ready");
+        robot.go(GOAL, |_, _| {});
+        robot.rest_until(&recorder, name);
+        let said = recorder.end();
+        assert!(!said.contains("note ") && !said.contains("the tool's pose"), "{said}");
+
+        // Training finds just the frames that it asks for.
+        let alone = place.folder.join("alone");
+        fs::create_dir_all(&alone).unwrap();
+        fs::copy(place.path(&format!("shown/{name}")), alone.join("shown.json")).unwrap();
+        let skill = Skill::read(Path::new(&skill)).unwrap();
+        let Skill { start_frame, goal_frame, other_frames, .. } = &skill;
+        let shown = demonstration::read_folder(
+            &alone,
+            &skill.skill,
+            skill.manifold,
+            start_frame,
+            goal_frame,
+            other_frames,
+        );
+        let [shown] = &shown.unwrap()[..] else { panic!("one demonstration") };
+        let at = |frame: &Pose| [frame.position.x, frame.position.y];
+        assert_eq!(at(&shown.goal_frame), GOAL);
+        assert_eq!(at(&shown.start), if start == "end" { GOAL } else { START });
+        assert!(shown.other_frames.values().all(|frame| at(frame) == [0.1, -0.2]));
+        let error = error_m(shown, START, GOAL);
+        assert!(error < 5e-5, "{error} m");
+    }
 }
 
 #[test]

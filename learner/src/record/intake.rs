@@ -3,8 +3,8 @@
 use std::fmt;
 
 use glam::{DQuat, DVec3};
-use tprmp_messages::{FRAME_CAPACITY, Frame, NAME_CAPACITY, RobotState, TaskFrames, name_str};
-use tprmp_model::skill_model::Manifold;
+use tprmp_messages::{Frame, NAME_CAPACITY, RobotState, TaskFrames, name_str};
+use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
 use tprmp_rmpflow::frame_map::Pose;
 
 /// Two states farther apart than this do not tell how the arm moved in between [ns].
@@ -141,6 +141,16 @@ pub(super) enum Sight {
     Seen(Pose),
 }
 
+impl Sight {
+    /// The frame, where it is seen.
+    pub(super) fn pose(self) -> Option<Pose> {
+        match self {
+            Self::Seen(pose) => Some(pose),
+            _ => None,
+        }
+    }
+}
+
 impl fmt::Display for Sight {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -158,17 +168,17 @@ impl fmt::Display for Sight {
     }
 }
 
-/// Start and goal frame of the skill.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Frames {
-    pub(super) start: Sight,
-    pub(super) goal: Sight,
-}
+/// What is known of the frames of a skill, in the order of their names; beyond them there is
+/// nothing.
+pub(super) type Frames = [Sight; FRAME_CAPACITY];
+
+/// No frames have been published.
+pub(super) const NO_FRAMES: Frames = [Sight::Nothing; FRAME_CAPACITY];
 
 /// Checks frames and keeps the newest.
 #[derive(Debug)]
 pub(super) struct FramesIntake {
-    names: [[u8; NAME_CAPACITY]; 2],
+    names: Vec<[u8; NAME_CAPACITY]>,
     planar: bool,
     newest: Frames,
     time_ns: u64,
@@ -176,32 +186,35 @@ pub(super) struct FramesIntake {
 }
 
 impl FramesIntake {
-    /// `names` of the start and the goal frame.
-    pub(super) fn new(names: [[u8; NAME_CAPACITY]; 2], manifold: Manifold) -> Self {
+    /// `names` of the skill's frames.
+    ///
+    /// # Panics
+    /// When there are more than [`FRAME_CAPACITY`].
+    pub(super) fn new(names: Vec<[u8; NAME_CAPACITY]>, manifold: Manifold) -> Self {
+        assert!(names.len() <= FRAME_CAPACITY, "frames of a skill");
         Self {
             names,
             planar: manifold == Manifold::R2,
-            newest: Frames { start: Sight::Nothing, goal: Sight::Nothing },
+            newest: NO_FRAMES,
             time_ns: 0,
-            published: Vec::with_capacity(FRAME_CAPACITY),
+            published: Vec::with_capacity(tprmp_messages::FRAME_CAPACITY),
         }
     }
 
     /// Nothing has been published.
     pub(super) fn forget(&mut self) {
-        self.newest = Frames { start: Sight::Nothing, goal: Sight::Nothing };
+        self.newest = NO_FRAMES;
         self.published.clear();
     }
 
     /// Takes in a message.
     pub(super) fn take(&mut self, message: &TaskFrames) {
-        let count = (message.frame_count as usize).min(FRAME_CAPACITY);
+        let count = (message.frame_count as usize).min(message.frames.len());
         let frames = &message.frames[..count];
-        let planar = self.planar;
-        let find = |name: &[u8; NAME_CAPACITY]| {
-            frames.iter().find(|f| f.name == *name).map_or(Sight::Absent, |f| sight(f, planar))
-        };
-        self.newest = Frames { start: find(&self.names[0]), goal: find(&self.names[1]) };
+        for (newest, name) in self.newest.iter_mut().zip(&self.names) {
+            let found = frames.iter().find(|f| f.name == *name);
+            *newest = found.map_or(Sight::Absent, |f| sight(f, self.planar));
+        }
         self.time_ns = message.time_ns;
         self.published.clear();
         self.published.extend(frames.iter().map(|f| f.name));
@@ -210,11 +223,10 @@ impl FramesIntake {
     /// The frames as they count for a state of this time [ns].
     pub(super) fn at(&self, state_ns: u64) -> Frames {
         let stale = state_ns.saturating_sub(self.time_ns) > FRAMES_AGE_MAX_NS;
-        let aged = |sight| match sight {
+        self.newest.map(|sight| match sight {
             Sight::Seen(_) if stale => Sight::Stale,
             sight => sight,
-        };
-        Frames { start: aged(self.newest.start), goal: aged(self.newest.goal) }
+        })
     }
 
     /// Names of all published frames, for people.
@@ -305,25 +317,25 @@ mod tests {
             (|m| m.frames[1].position[2] = 0.01, Sight::NotPlanar),
             (|m| m.frames[1].quaternion = [0.0, 1.0, 0.0, 0.0], Sight::NotPlanar),
         ];
-        let names = [name_bytes("start").unwrap(), name_bytes("end").unwrap()];
+        let names = ["start", "end"].map(|name| name_bytes(name).unwrap());
         let frame =
             |name| Frame { name, valid: 1, quaternion: [1.0, 0.0, 0.0, 0.0], ..Default::default() };
+        let seen = Sight::Seen(Pose::IDENTITY);
         let mut good = TaskFrames { frame_count: 2, time_ns: 5, ..Default::default() };
         good.frames[..2].copy_from_slice(&names.map(frame));
-        let mut intake = FramesIntake::new(names, Manifold::R2);
-        assert_eq!(intake.at(0).goal, Sight::Nothing);
+        let mut intake = FramesIntake::new(names.to_vec(), Manifold::R2);
+        assert_eq!(intake.at(0), NO_FRAMES);
         for (edit, expected) in cases {
             let mut message = good;
             edit(&mut message);
             intake.take(&message);
-            assert_eq!(intake.at(5).goal, expected);
-            assert_eq!(intake.at(5).start, Sight::Seen(Pose::IDENTITY));
+            assert_eq!(intake.at(5)[..3], [seen, expected, Sight::Nothing]);
         }
         intake.take(&good);
-        assert_eq!(intake.at(5 + FRAMES_AGE_MAX_NS).goal, Sight::Seen(Pose::IDENTITY));
-        assert_eq!(intake.at(6 + FRAMES_AGE_MAX_NS).goal, Sight::Stale);
+        assert_eq!(intake.at(5 + FRAMES_AGE_MAX_NS)[1], seen);
+        assert_eq!(intake.at(6 + FRAMES_AGE_MAX_NS)[1], Sight::Stale);
         assert_eq!(intake.published(), "`start`, `end`");
         intake.forget();
-        assert_eq!((intake.at(5).goal, intake.published()), (Sight::Nothing, "none".into()));
+        assert_eq!((intake.at(5), intake.published()), (NO_FRAMES, "none".into()));
     }
 }

@@ -13,9 +13,10 @@
 
 use std::collections::VecDeque;
 
+use tprmp_model::skill_model::FRAME_CAPACITY;
 use tprmp_rmpflow::frame_map::Pose;
 
-use super::intake::{Frames, Sight};
+use super::intake::{Frames, NO_FRAMES, Sight};
 use super::take::{Sample, Shown, Take, Task};
 use crate::plausibility::angle;
 
@@ -39,8 +40,8 @@ const DURATION_MAX_NS: u64 = 600_000_000_000;
 /// What has come of a sample.
 #[derive(Debug)]
 pub(super) enum Event {
-    /// A demonstration has begun; whether a start frame is published.
-    Begun { start_shown: bool },
+    /// A demonstration has begun; whether the tool's pose serves as the start frame.
+    Begun { tool_as_start: bool },
     /// A demonstration has ended.
     Shown(Box<Shown>),
     /// A motion is no demonstration, for this reason.
@@ -52,10 +53,8 @@ pub(super) enum Event {
 pub(super) enum Stage {
     /// For the arm to rest.
     Unsettled,
-    /// For a usable start frame: one is published, but it cannot be used.
-    StartUnseen(Sight),
-    /// For a usable goal frame.
-    GoalUnseen(Sight),
+    /// For a usable frame, by its place in [`Task::frames`].
+    FrameUnseen(usize, Sight),
     /// For the arm to move.
     Ready,
     /// For the arm to rest again: a demonstration is under way.
@@ -86,7 +85,7 @@ impl Recorder {
         Self {
             task,
             phase: Phase::Unsettled,
-            frames: Frames { start: Sight::Nothing, goal: Sight::Nothing },
+            frames: NO_FRAMES,
             recent: VecDeque::new(),
             rests_since: None,
         }
@@ -94,16 +93,26 @@ impl Recorder {
 
     /// What is waited for.
     pub(super) fn stage(&self) -> Stage {
-        match (&self.phase, self.frames) {
-            (Phase::Unsettled, _) => Stage::Unsettled,
-            (Phase::Showing(_), _) => Stage::Showing,
-            (
-                Phase::Ready,
-                Frames { start: Sight::Seen(_) | Sight::Absent, goal: Sight::Seen(_) },
-            ) => Stage::Ready,
-            (Phase::Ready, Frames { start, goal: Sight::Seen(_) }) => Stage::StartUnseen(start),
-            (Phase::Ready, Frames { goal, .. }) => Stage::GoalUnseen(goal),
+        match self.phase {
+            Phase::Unsettled => Stage::Unsettled,
+            Phase::Showing(_) => Stage::Showing,
+            Phase::Ready => match self.unseen() {
+                Some((i, _, sight)) => Stage::FrameUnseen(i, sight),
+                None => Stage::Ready,
+            },
         }
+    }
+
+    /// The first frame that is needed and cannot be used: its place, its name, and why.
+    fn unseen(&self) -> Option<(usize, &str, Sight)> {
+        let frames = self.task.frames().zip(self.frames).enumerate();
+        let required = self.task.required_frames.len();
+        let mut unseen = frames.filter(|(i, (_, sight))| match sight {
+            Sight::Seen(_) => false,
+            Sight::Absent => *i < required,
+            _ => true,
+        });
+        unseen.next().map(|(i, (name, sight))| (i, name.as_str(), sight))
     }
 
     /// Takes in where the tool was at `time_ns` [ns], later than the sample before, and what was
@@ -137,10 +146,12 @@ impl Recorder {
             Phase::Showing(take) => {
                 take.samples.push(sample);
                 take.skipped += skipped;
-                if !matches!(frames.goal, Sight::Seen(_)) {
-                    take.unseen_ns += elapsed_ns;
+                for (unseen_ns, sight) in take.unseen_ns.iter_mut().zip(frames) {
+                    if sight.pose().is_none() {
+                        *unseen_ns += elapsed_ns;
+                    }
                 }
-                if moves && let Some(moved) = moved_frame(take, &frames, &self.task) {
+                if moves && let Some(moved) = moved_frame(take, frames, &self.task) {
                     return self.interrupt(&moved);
                 }
                 if time_ns - take.samples[0].time_ns > DURATION_MAX_NS {
@@ -178,24 +189,20 @@ impl Recorder {
 
     /// The arm begins to move.
     fn begin(&mut self) -> Event {
-        let (name, sight) = match self.stage() {
-            Stage::StartUnseen(sight) => (&self.task.start_frame, sight),
-            Stage::GoalUnseen(sight) => (&self.task.goal_frame, sight),
-            _ => {
-                let pose = |sight| match sight {
-                    Sight::Seen(pose) => Some(pose),
-                    _ => None,
-                };
-                let start = pose(self.frames.start);
-                let goal = pose(self.frames.goal).expect("a goal that is not seen is a stage");
-                let samples = self.recent.iter().copied().collect();
-                self.phase =
-                    Phase::Showing(Take { samples, start, goal, unseen_ns: 0, skipped: 0 });
-                return Event::Begun { start_shown: start.is_some() };
-            }
-        };
-        self.phase = Phase::Unsettled;
-        Event::Refused(format!("the arm moves, but frame `{name}` {sight}"))
+        if let Some((_, name, sight)) = self.unseen() {
+            let why = format!("the arm moves, but frame `{name}` {sight}");
+            self.phase = Phase::Unsettled;
+            return Event::Refused(why);
+        }
+        let frames = self.frames.map(Sight::pose);
+        self.phase = Phase::Showing(Take {
+            samples: self.recent.iter().copied().collect(),
+            frames,
+            unseen_ns: [0; FRAME_CAPACITY],
+            skipped: 0,
+        });
+        // What is needed is seen, so that only a start frame can be missing.
+        Event::Begun { tool_as_start: frames[..self.task.frames().count()].contains(&None) }
     }
 
     /// Ends the demonstration under way.
@@ -209,13 +216,9 @@ impl Recorder {
 }
 
 /// Says which frame is no longer where it was when the motion began.
-fn moved_frame(take: &Take, frames: &Frames, task: &Task) -> Option<String> {
-    let pairs = [
-        (&task.start_frame, take.start, frames.start),
-        (&task.goal_frame, Some(take.goal), frames.goal),
-    ];
-    pairs.into_iter().find_map(|(name, before, now)| {
-        let (Some(before), Sight::Seen(now)) = (before, now) else { return None };
+fn moved_frame(take: &Take, frames: Frames, task: &Task) -> Option<String> {
+    task.frames().zip(take.frames).zip(frames).find_map(|((name, before), now)| {
+        let (Some(before), Some(now)) = (before, now.pose()) else { return None };
         let (m, rad) = ((now.position - before.position).length(), angle(&before, &now));
         (m > FRAME_MOVED_M || rad > FRAME_MOVED_RAD).then(|| {
             format!(
@@ -236,6 +239,10 @@ mod tests {
     use tprmp_model::skill_model::Manifold;
 
     const STEP_NS: u64 = 2_000_000;
+    const GOAL: DVec3 = DVec3::new(0.5, 0.2, 0.0);
+    /// Places of the frames of a skill that has no further ones.
+    const END: usize = 0;
+    const START: usize = 1;
 
     fn at(position: DVec3) -> Pose {
         Pose { position, orientation: DQuat::IDENTITY }
@@ -252,20 +259,27 @@ mod tests {
 
     impl Bench {
         fn new(manifold: Manifold) -> Self {
+            Self::of(manifold, &["end"], Some("start"))
+        }
+
+        /// All frames are seen: the goal's in its place, the others where the tool is.
+        fn of(manifold: Manifold, required: &[&str], start_frame: Option<&str>) -> Self {
             let task = Task {
                 skill: "made_up".into(),
                 manifold,
-                start_frame: "start".into(),
-                goal_frame: "end".into(),
+                required_frames: required.iter().map(|name| (*name).into()).collect(),
+                start_frame: start_frame.map(Into::into),
                 sampling_time_s: 0.01,
             };
-            let start = at(DVec3::ZERO);
-            let goal = at(DVec3::new(0.5, 0.2, 0.0));
+            let mut frames = NO_FRAMES;
+            let count = task.frames().count();
+            frames[..count].fill(Sight::Seen(at(DVec3::ZERO)));
+            frames[END] = Sight::Seen(at(GOAL));
             Self {
                 recorder: Recorder::new(task),
                 time_ns: 7_000_000_000,
-                pose: start,
-                frames: Frames { start: Sight::Seen(start), goal: Sight::Seen(goal) },
+                pose: at(DVec3::ZERO),
+                frames,
                 events: Vec::new(),
             }
         }
@@ -314,8 +328,6 @@ mod tests {
     fn steps(duration_s: f64) -> u32 {
         (duration_s * 1e9 / STEP_NS as f64).round() as u32
     }
-
-    const GOAL: DVec3 = DVec3::new(0.5, 0.2, 0.0);
 
     #[test]
     fn two_motions_between_rests_are_two_demonstrations() {
@@ -372,12 +384,12 @@ mod tests {
     fn a_start_frame_that_nobody_publishes_is_the_tool_at_the_start() {
         let mut bench = Bench::new(Manifold::R3S3);
         bench.pose.orientation = DQuat::from_rotation_y(0.7);
-        bench.frames.start = Sight::Absent;
+        bench.frames[START] = Sight::Absent;
         bench.rest(1.2);
         let from = bench.pose;
         bench.go(GOAL, 2.0, |_, _| {});
         bench.rest(1.2);
-        assert!(matches!(bench.events[0], Event::Begun { start_shown: false }));
+        assert!(matches!(bench.events[0], Event::Begun { tool_as_start: true }));
         assert_eq!(bench.shown()[0].demonstration.start, from);
     }
 
@@ -389,11 +401,12 @@ mod tests {
             (Sight::Invalid, Sight::Seen(at(GOAL)), "`start`"),
         ] {
             let mut bench = Bench::new(Manifold::R3);
-            let good = std::mem::replace(&mut bench.frames, Frames { start, goal });
+            let good = bench.frames;
+            (bench.frames[END], bench.frames[START]) = (goal, start);
             bench.rest(1.2);
             assert!(matches!(
                 bench.recorder.stage(),
-                Stage::GoalUnseen(_) | Stage::StartUnseen(Sight::Invalid)
+                Stage::FrameUnseen(END, _) | Stage::FrameUnseen(START, Sight::Invalid)
             ));
             bench.go(GOAL, 2.0, |bench, t| {
                 if t > 0.5 {
@@ -415,7 +428,7 @@ mod tests {
         let mut bench = Bench::new(Manifold::R3S3);
         bench.rest(1.2);
         bench.go(GOAL, 2.0, |bench, t| {
-            bench.frames.goal = Sight::Seen(at(GOAL + DVec3::new(0.0, 0.1 * t, 0.0)));
+            bench.frames[END] = Sight::Seen(at(GOAL + DVec3::new(0.0, 0.1 * t, 0.0)));
         });
         bench.rest(1.2);
         assert_eq!(bench.refusals().len(), 1);
@@ -423,28 +436,77 @@ mod tests {
         bench.go(DVec3::ZERO, 2.0, |bench, _| {
             // Noise of a camera.
             let side = if bench.time_ns % (2 * STEP_NS) == 0 { 1e-3 } else { 0.0 };
-            bench.frames.goal = Sight::Seen(at(GOAL + DVec3::new(side, 0.0, 0.0)));
+            bench.frames[END] = Sight::Seen(at(GOAL + DVec3::new(side, 0.0, 0.0)));
         });
         // While the arm rests the object is put elsewhere.
         bench.rest(0.3);
-        bench.frames.goal = Sight::Seen(at(2.0 * GOAL));
+        bench.frames[END] = Sight::Seen(at(2.0 * GOAL));
         bench.rest(1.0);
         assert_eq!((bench.refusals().len(), bench.shown().len()), (1, 1));
-        bench.frames.start = Sight::Seen(at(DVec3::ZERO));
+        bench.frames[START] = Sight::Seen(at(DVec3::ZERO));
         bench.go(GOAL, 2.0, |bench, t| {
             let turn = DQuat::from_rotation_z(0.1 * t);
-            bench.frames.start = Sight::Seen(Pose { orientation: turn, ..Pose::IDENTITY });
+            bench.frames[START] = Sight::Seen(Pose { orientation: turn, ..Pose::IDENTITY });
         });
         assert!(bench.refusals()[1].contains("`start` moved by"), "{:?}", bench.refusals());
+    }
+
+    #[test]
+    fn further_frames_have_to_be_seen_and_to_rest_like_the_goal() {
+        let mut bench = Bench::of(Manifold::R3, &["end", "box", "shelf"], Some("start"));
+        let good = bench.frames;
+        bench.frames[1] = Sight::Absent;
+        bench.rest(1.2);
+        assert_eq!(bench.recorder.stage(), Stage::FrameUnseen(1, Sight::Absent));
+        bench.go(GOAL, 2.0, |_, _| {});
+        bench.rest(1.2);
+        bench.frames = good;
+        bench.go(DVec3::ZERO, 2.0, |bench, t| {
+            bench.frames[2] = Sight::Seen(at(DVec3::new(0.0, 0.1 * t, 0.0)));
+        });
+        bench.rest(1.2);
+        let [absent, moved] = bench.refusals()[..] else { panic!("{:?}", bench.refusals()) };
+        assert!(absent.contains("frame `box` is not among"), "{absent}");
+        assert!(moved.contains("frame `shelf` moved by"), "{moved}");
+        assert!(bench.shown().is_empty());
+
+        bench.frames = good;
+        bench.frames[2] = Sight::Seen(at(2.0 * GOAL));
+        bench.frames[3] = Sight::Absent;
+        bench.go(GOAL, 2.0, |bench, t| {
+            bench.frames[1] = if t > 0.5 && t <= 0.75 { Sight::Stale } else { good[1] };
+        });
+        bench.rest(1.2);
+        assert!(matches!(bench.events[3], Event::Begun { tool_as_start: true }));
+        let Shown { demonstration, notes } = bench.shown()[0];
+        assert_eq!(demonstration.goal_frame, at(GOAL));
+        let others = [("box".to_owned(), at(DVec3::ZERO)), ("shelf".to_owned(), at(2.0 * GOAL))];
+        assert_eq!(demonstration.other_frames, others.into());
+        assert_eq!(demonstration.start, demonstration.poses[0]);
+        assert!(notes.len() == 1 && notes[0].contains("`box` was out of sight"), "{notes:?}");
+    }
+
+    #[test]
+    fn a_skill_of_one_frame_waits_for_no_start_frame() {
+        let mut bench = Bench::of(Manifold::R3S3, &["end"], None);
+        assert_eq!(bench.frames[START], Sight::Nothing);
+        bench.rest(1.2);
+        assert_eq!(bench.recorder.stage(), Stage::Ready);
+        bench.go(0.9 * GOAL, 2.0, |_, _| {});
+        bench.rest(1.2);
+        assert!(matches!(bench.events[0], Event::Begun { tool_as_start: false }));
+        let Shown { demonstration, notes } = bench.shown()[0];
+        assert_eq!((demonstration.start, demonstration.goal_frame), (at(GOAL), at(GOAL)));
+        assert!(notes.is_empty(), "{notes:?}");
     }
 
     #[test]
     fn a_goal_that_is_hidden_for_a_while_is_a_note() {
         let mut bench = Bench::new(Manifold::R3);
         bench.rest(1.2);
-        let goal = bench.frames.goal;
+        let goal = bench.frames[END];
         bench.go(GOAL, 2.0, |bench, t| {
-            bench.frames.goal = if t > 0.5 && t <= 0.75 { Sight::Invalid } else { goal };
+            bench.frames[END] = if t > 0.5 && t <= 0.75 { Sight::Invalid } else { goal };
         });
         bench.rest(1.2);
         let notes = &bench.shown()[0].notes;
@@ -518,13 +580,13 @@ mod tests {
                     if accident == 0 && t > 0.4 && t < 0.41 {
                         bench.recorder.interrupt("accident");
                     }
-                    bench.frames.goal = match accident {
+                    bench.frames[END] = match accident {
                         1 => Sight::Stale,
                         2 => Sight::Seen(at(GOAL * t)),
                         _ => Sight::Seen(at(GOAL)),
                     };
                 });
-                bench.frames.goal = Sight::Seen(at(GOAL));
+                bench.frames[END] = Sight::Seen(at(GOAL));
                 bench.rest(rest_s);
             }
             let event = bench.recorder.end();

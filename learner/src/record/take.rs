@@ -2,8 +2,7 @@
 //! times.
 
 use glam::DQuat;
-use std::collections::BTreeMap;
-use tprmp_model::skill_model::Manifold;
+use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
 use tprmp_rmpflow::frame_map::Pose;
 
 use crate::demonstration::{Demonstration, POINTS_MIN};
@@ -28,20 +27,29 @@ const START_DISTANCE_MAX_M: f64 = 0.02;
 pub(super) struct Task {
     pub(super) skill: String,
     pub(super) manifold: Manifold,
-    pub(super) start_frame: String,
-    pub(super) goal_frame: String,
+    /// Frames that have to be seen: the goal frame, then the further ones.
+    pub(super) required_frames: Vec<String>,
+    /// The start frame, where it is another than the goal frame. The tool's pose can serve as such.
+    pub(super) start_frame: Option<String>,
     pub(super) sampling_time_s: f64,
 }
 
 impl Task {
     pub(super) fn new(skill: &Skill, sampling_time_s: f64) -> Self {
+        let required = std::iter::once(&skill.goal_frame).chain(&skill.other_frames);
+        let own_start = skill.start_frame != skill.goal_frame;
         Self {
             skill: skill.skill.clone(),
             manifold: skill.manifold,
-            start_frame: skill.start_frame.clone(),
-            goal_frame: skill.goal_frame.clone(),
+            required_frames: required.cloned().collect(),
+            start_frame: own_start.then(|| skill.start_frame.clone()),
             sampling_time_s,
         }
+    }
+
+    /// The names of all frames: those that have to be seen, then the start frame.
+    pub(super) fn frames(&self) -> impl Iterator<Item = &String> {
+        self.required_frames.iter().chain(&self.start_frame)
     }
 
     /// How far two poses are apart, by what the skill moves [m], [rad].
@@ -82,12 +90,11 @@ pub(super) struct Sample {
 pub(super) struct Take {
     /// In order of time, with some rest before and after.
     pub(super) samples: Vec<Sample>,
-    /// The start frame, where one is published.
-    pub(super) start: Option<Pose>,
-    /// The goal frame.
-    pub(super) goal: Pose,
-    /// How long the goal was not seen [ns].
-    pub(super) unseen_ns: u64,
+    /// The frames, in the order of [`Task::frames`], as they were when the motion began; the start
+    /// frame only where one is published.
+    pub(super) frames: [Option<Pose>; FRAME_CAPACITY],
+    /// How long each of them was not seen [ns].
+    pub(super) unseen_ns: [u64; FRAME_CAPACITY],
     /// Sequence numbers of states that never came.
     pub(super) skipped: u64,
 }
@@ -136,7 +143,17 @@ impl Take {
                 poses.len()
             ));
         }
-        let start = self.start.unwrap_or_else(|| task.as_frame(&poses[0]));
+        let mut required = task.required_frames.iter().zip(self.frames).map(|(name, frame)| {
+            (name.clone(), frame.expect("a motion begins when the required frames are seen"))
+        });
+        let (_, goal_frame) = required.next().expect("the goal frame is required");
+        let other_frames = required.collect();
+        let start = match task.start_frame {
+            None => goal_frame,
+            Some(_) => {
+                self.frames[task.required_frames.len()].unwrap_or_else(|| task.as_frame(&poses[0]))
+            }
+        };
         if task.manifold == Manifold::R2 {
             for pose in &mut poses {
                 pose.position.z = 0.0;
@@ -155,8 +172,8 @@ impl Take {
             manifold: task.manifold,
             sampling_time_s: task.sampling_time_s,
             start,
-            goal_frame: self.goal,
-            other_frames: BTreeMap::new(),
+            goal_frame,
+            other_frames,
             poses,
         };
         Ok(Shown { demonstration, notes })
@@ -164,18 +181,20 @@ impl Take {
 
     fn notes(&self, task: &Task, start_distance_m: f64) -> Vec<String> {
         let mut notes = Vec::new();
-        if start_distance_m > START_DISTANCE_MAX_M {
+        if let Some(name) = &task.start_frame
+            && start_distance_m > START_DISTANCE_MAX_M
+        {
             notes.push(format!(
-                "the tool starts {start_distance_m:.3} m away from frame `{}`, as published",
-                task.start_frame
+                "the tool starts {start_distance_m:.3} m away from frame `{name}`, as published"
             ));
         }
-        if self.unseen_ns > 0 {
-            notes.push(format!(
-                "frame `{}` was out of sight for {:.2} s; it was taken to rest",
-                task.goal_frame,
-                self.unseen_ns as f64 * 1e-9
-            ));
+        for (name, unseen_ns) in task.required_frames.iter().zip(self.unseen_ns) {
+            if unseen_ns > 0 {
+                notes.push(format!(
+                    "frame `{name}` was out of sight for {:.2} s; it was taken to rest",
+                    unseen_ns as f64 * 1e-9
+                ));
+            }
         }
         if self.skipped > 0 {
             notes.push(format!(
@@ -232,8 +251,8 @@ mod tests {
         Task {
             skill: "made_up".into(),
             manifold,
-            start_frame: "start".into(),
-            goal_frame: "end".into(),
+            required_frames: vec!["end".into()],
+            start_frame: Some("start".into()),
             sampling_time_s: 0.01,
         }
     }
@@ -260,9 +279,8 @@ mod tests {
                     Sample { time_ns, pose: Pose { position, orientation } }
                 })
                 .collect(),
-            start: None,
-            goal: at(3.0),
-            unseen_ns: 0,
+            frames: std::array::from_fn(|i| (i == 0).then(|| at(3.0))),
+            unseen_ns: [0; FRAME_CAPACITY],
             skipped: 0,
         }
     }
@@ -294,6 +312,21 @@ mod tests {
         assert_eq!(shown.start.orientation.x.hypot(shown.start.orientation.y), 0.0);
         let down = Pose { orientation: DQuat::from_rotation_x(std::f64::consts::PI), ..at(0.0) };
         assert_eq!(task.as_frame(&down).orientation, DQuat::IDENTITY);
+    }
+
+    #[test]
+    fn a_skill_without_a_start_frame_has_the_goal_frame_only_and_further_ones_by_name() {
+        let mut task = task(Manifold::R3S3);
+        task.start_frame = None;
+        task.required_frames.push("box".into());
+        let mut take = take((0..3300).map(|i| i * 1_000_000));
+        take.frames[1] = Some(at(1.0));
+        take.unseen_ns[1] = 250_000_000;
+        let Shown { demonstration, notes } = take.finish(&task).unwrap();
+        assert_eq!((demonstration.start, demonstration.goal_frame), (at(3.0), at(3.0)));
+        assert_eq!(demonstration.other_frames, [("box".to_owned(), at(1.0))].into());
+        // It starts far from the goal frame, as it should.
+        assert_eq!(notes, ["frame `box` was out of sight for 0.25 s; it was taken to rest"]);
     }
 
     #[test]
