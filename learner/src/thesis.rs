@@ -45,9 +45,9 @@ use crate::train::blaming;
 
 /// A slower sample shows no direction: share of the demonstration's largest speed.
 const SPEED_SHARE_MIN: f64 = 0.02;
-/// Weight of the mean of (d/d̄)² against the mean energy error, relative to the energy; d̄ is the even
-/// damping that would dissipate it.
-const TIE_BREAK: f64 = 1e-6;
+/// Dampings are as good as the best when the mean energy error is larger by no more than this,
+/// relative to the energy.
+const AS_GOOD: f64 = 1e-7;
 /// Neighbours that differ by less than this share of the largest value are equal.
 const ACTIVE: f64 = 1e-4;
 /// Names of the programs.
@@ -292,17 +292,13 @@ pub fn fit_damping<const D: usize>(
         }
     }
     let size = rows.iter().map(|row| row.1.abs()).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
-    // x = (d_1 … d_K, one absolute value a row).
+    // x = (d_1 … d_K, one absolute value a row), d in units of an even damping that dissipates the
+    // energy, energies in units of the largest.
     let scale = 1.0 / (size * all.len() as f64);
-    let mut linear = vec![0.0; components];
-    linear.extend(rows.iter().map(|(weight, ..)| weight * scale));
     let most = |row: &(f64, f64, Vec<f64>)| row.2.iter().sum::<f64>();
     let even = size / rows.iter().map(most).fold(f64::MIN_POSITIVE, f64::max);
-    let tie_break = DMatrix::identity(components, components)
-        * (2.0 * TIE_BREAK / (components as f64 * even * even));
-    let mut program = ConicProgram::new(tie_break, linear);
     let mut nonnegative =
-        vec![Affine { constant: -settings.damping_min, coefficients: vec![(0, 1.0)] }];
+        vec![Affine { constant: -settings.damping_min / even, coefficients: vec![(0, 1.0)] }];
     nonnegative.extend(
         (1..components)
             .map(|k| Affine { constant: 0.0, coefficients: vec![(k - 1, -1.0), (k, 1.0)] }),
@@ -310,14 +306,31 @@ pub fn fit_damping<const D: usize>(
     for (j, (_, lost, dissipated)) in rows.iter().enumerate() {
         for sign in [1.0, -1.0] {
             let mut coefficients: Vec<(usize, f64)> =
-                dissipated.iter().map(|x| sign * x).enumerate().collect();
+                dissipated.iter().map(|x| sign * x * even / size).enumerate().collect();
             coefficients.push((components + j, 1.0));
-            nonnegative.push(Affine { constant: -sign * lost, coefficients });
+            nonnegative.push(Affine { constant: -sign * lost / size, coefficients });
         }
     }
-    program.require_nonnegative(nonnegative);
-    let solution = program.solve();
-    let mut damping = usable(DAMPING, &solution)?[..components].to_vec();
+    let error: Vec<(usize, f64)> = rows
+        .iter()
+        .enumerate()
+        .map(|(j, (weight, ..))| (components + j, weight / all.len() as f64))
+        .collect();
+    let mut linear = vec![0.0; components + rows.len()];
+    error.iter().for_each(|(j, weight)| linear[*j] = *weight);
+    let mut least_error = ConicProgram::new(DMatrix::zeros(0, 0), linear);
+    least_error.require_nonnegative(nonnegative.clone());
+    let best = least_error.solve();
+    usable(DAMPING, &best)?;
+    // Of all that are as good, those of the least squares.
+    let negative = error.iter().map(|(j, weight)| (*j, -weight)).collect();
+    nonnegative.push(Affine { constant: best.objective + AS_GOOD, coefficients: negative });
+    let squares = DMatrix::identity(components, components) * 2.0;
+    let mut least_squares = ConicProgram::new(squares, vec![0.0; components + rows.len()]);
+    least_squares.require_nonnegative(nonnegative);
+    let solution = least_squares.solve();
+    let mut damping: Vec<f64> =
+        usable(DAMPING, &solution)?[..components].iter().map(|d| d * even).collect();
     // What the solver's tolerance left of bound and order.
     let mut least = settings.damping_min;
     for d in &mut damping {
@@ -334,7 +347,7 @@ pub fn fit_damping<const D: usize>(
         active("d at its least value", at_floor, components),
         active("d of neighbours equal", equal_neighbours(&damping), components - 1),
     ];
-    Ok((damping, figures(DAMPING, &solution, residual, active, rows.len())))
+    Ok((damping, figures(DAMPING, &best, residual, active, rows.len())))
 }
 
 fn usable<'a>(program: &'static str, solution: &'a Solution) -> Result<&'a [f64], LearnerError> {
