@@ -5,6 +5,7 @@ mod common;
 use std::path::Path;
 
 use common::{Folder, arcs, skill_file, skill_text};
+use proptest::prelude::*;
 use tprmp_learner::demonstration::{self, read, read_folder, to_text};
 use tprmp_learner::import::{Selection, import};
 use tprmp_learner::skill::Skill;
@@ -285,4 +286,64 @@ fn wrong_foreign_files_are_refused_by_key() {
     assert!(say(good.replace("\"R2\"", "\"R9\"")).contains("manifold"));
     assert!(say(good[..100].into()).contains("line"));
     assert!(say(good.replace("\"end\"", "\"stop\"")).contains("frames.end"));
+}
+
+/// What stands in place of a number of a spoiled file.
+const WORDS: [&str; 9] =
+    ["NaN", "-inf", "1e999", "-1", "0", "18446744073709551616", "[]", "\"\"", "None"];
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..Default::default() })]
+
+    #[test]
+    fn random_bytes_as_a_skill_file_are_refused(
+        bytes in prop::collection::vec(any::<u8>(), 0..400), kept in any::<prop::sample::Index>(),
+    ) {
+        let folder = Folder::new("skill-random");
+        let good = skill_text("planar.ron").into_bytes();
+        let end = good.len() - 200;
+        for kept in [0, kept.index(end)] {
+            let path = folder.path().join("skill.ron");
+            std::fs::write(&path, [&good[..kept], &bytes].concat()).unwrap();
+            prop_assert!(Skill::read(&path).unwrap_err().to_string().contains("skill.ron"));
+        }
+    }
+
+    #[test]
+    fn spoiled_skill_files_never_panic(
+        template in prop::sample::select(vec!["planar.ron", "pick.ron", "planar_thesis.ron"]),
+        bytes in prop::collection::vec((any::<prop::sample::Index>(), 0..128_u8), 0..2),
+        words in prop::collection::vec(
+            (any::<prop::sample::Index>(), prop::sample::select(WORDS.to_vec())), 0..3,
+        ),
+    ) {
+        let folder = Folder::new("skill-spoiled");
+        // Without the comments, in which nothing would be spoiled.
+        let text = skill_text(template);
+        let lines = text.lines().map(|line| line.split("//").next().unwrap());
+        let text = lines.collect::<Vec<_>>().join("\n");
+        let mut parts: Vec<&str> = text.split_inclusive([' ', ',', '[', ']']).collect();
+        let is_number = |part: &str| part.starts_with(|c: char| c.is_ascii_digit());
+        let numbers: Vec<usize> = (0..parts.len()).filter(|i| is_number(parts[*i])).collect();
+        let changed: Vec<_> = words
+            .iter()
+            .map(|(place, word)| {
+                let place = numbers[place.index(numbers.len())];
+                (place, [word, &parts[place][parts[place].len() - 1..]].concat())
+            })
+            .collect();
+        for (place, word) in &changed {
+            parts[*place] = word;
+        }
+        let mut spoiled = parts.concat().into_bytes();
+        for (place, byte) in &bytes {
+            let place = place.index(spoiled.len());
+            spoiled[place] = *byte;
+        }
+        let path = folder.path().join("skill.ron");
+        std::fs::write(&path, &spoiled).unwrap();
+        if let Err(error) = Skill::read(&path) {
+            prop_assert!(error.to_string().contains("skill.ron"), "{error}");
+        }
+    }
 }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use nalgebra::Vector2;
+use proptest::prelude::*;
 use tprmp_model::skill_model::{
     ActiveConstraints, Background, BlockCertificate, Canonical, Certificate, Component,
     DemonstrationRollout, FieldModel, Fit, FrameGaussian, FrameMixture, Gaussian, Manifold,
@@ -369,4 +370,75 @@ fn the_field_is_the_one_that_is_stored() {
     let parts = FieldModel::from_parts(field.components(), stored.background.into(), 8.0);
     assert_eq!(parts, *stored);
     assert_eq!(field.damping_1_s(), 8.0);
+}
+
+/// What stands in place of a number of a spoiled file.
+const WORDS: [&str; 12] =
+    ["NaN", "-inf", "1e308", "1e-320", "-1.0", "0.0", "[]", "[[0.0]]", "()", "\"\"", "None", ","];
+
+/// A model's file with some numbers replaced, and, where it can still be parsed, the same with the
+/// checksum that belongs to it.
+fn spoiled(model: &SkillModel, places: &[(prop::sample::Index, &str)]) -> (String, Option<String>) {
+    let text = to_text(model);
+    let between = [' ', ',', '\n', '(', ')', '[', ']'];
+    let mut parts: Vec<&str> = text.split_inclusive(between).collect();
+    let is_number = |part: &str| part.starts_with(|c: char| c == '-' || c.is_ascii_digit());
+    let numbers: Vec<usize> = (0..parts.len()).filter(|i| is_number(parts[*i])).collect();
+    let mut changed = Vec::new();
+    for (place, word) in places {
+        let place = numbers[place.index(numbers.len())];
+        let separator = &parts[place][parts[place].len() - 1..];
+        changed.push((place, [word, separator].concat()));
+    }
+    for (place, word) in &changed {
+        parts[*place] = word;
+    }
+    let spoiled = parts.concat();
+    let body = spoiled.split_once("body: ").and_then(|(_, rest)| rest.strip_suffix(",\n)\n"));
+    let parsed = body.and_then(|body| ron::from_str::<SkillModel>(body).ok());
+    let summed = parsed.map(|model| to_text(&model));
+    (spoiled, summed)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..Default::default() })]
+
+    #[test]
+    fn random_bytes_are_refused(
+        bytes in prop::collection::vec(any::<u8>(), 0..400), kept in any::<prop::sample::Index>(),
+    ) {
+        let folder = Folder::new("random");
+        let good = to_text(&model());
+        for beginning in ["", &good[..kept.index(good.len())]] {
+            std::fs::write(folder.file(), [beginning.as_bytes(), &bytes].concat()).unwrap();
+            prop_assert!(read(&folder.file()).unwrap_err().to_string().contains("skill.model.ron"));
+        }
+    }
+
+    #[test]
+    fn spoiled_models_never_panic(
+        is_thesis in any::<bool>(),
+        bytes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+        words in prop::collection::vec(
+            (any::<prop::sample::Index>(), prop::sample::select(WORDS.to_vec())), 1..4,
+        ),
+    ) {
+        let folder = Folder::new("spoiled");
+        let good = if is_thesis { thesis() } else { model() };
+        let (changed, summed) = spoiled(&good, &words);
+        let mut flipped = to_text(&good).into_bytes();
+        for (place, byte) in &bytes {
+            let place = place.index(flipped.len());
+            flipped[place] = *byte;
+        }
+        let texts = [Some(changed.into_bytes()), summed.map(String::into_bytes), Some(flipped)];
+        for text in texts.into_iter().flatten() {
+            std::fs::write(folder.file(), text).unwrap();
+            match read(&folder.file()) {
+                // What is valid can be evaluated, or says why not.
+                Ok(model) => drop(model.policy()),
+                Err(error) => prop_assert!(error.to_string().contains("skill.model.ron")),
+            }
+        }
+    }
 }
