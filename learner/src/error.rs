@@ -23,6 +23,9 @@ pub enum LearnerError {
         /// What the system says.
         source: std::io::Error,
     },
+    /// What is told cannot be written.
+    #[error("standard output cannot be written: {0}")]
+    Output(std::io::Error),
     /// A file does not say what it should.
     #[error("`{path}`, {place}: {problem}")]
     Input {
