@@ -132,6 +132,10 @@ impl WithRobot for Run<'_> {
             startup::try_summary(path)?;
         }
         let real_time = self.loaded.config.real_time;
+        let failures = self.loaded.model.certificate.failures.len();
+        if failures > 0 {
+            eprintln!("controller: this model fails its certificate in {failures} points");
+        }
         let skill = self.loaded.model.skill.clone();
         let mut cycle = startup::cycle::<N>(
             self.config_path,

@@ -23,6 +23,9 @@ pub enum LearnerError {
         /// What the system says.
         source: std::io::Error,
     },
+    /// What is told cannot be written.
+    #[error("standard output cannot be written: {0}")]
+    Output(std::io::Error),
     /// A file does not say what it should.
     #[error("`{path}`, {place}: {problem}")]
     Input {
@@ -73,9 +76,10 @@ pub enum LearnerError {
     },
     /// The learned skill fails its certificate.
     #[error(
-        "the learned skill fails its certificate in {} point{}, first: {}; nothing was written. Look \
-         for demonstrations that contradict each other, or change `mixture.components`; \
-         --allow-uncertified writes it all the same",
+        "the learned skill fails its certificate in {} point{}, first: {}; nothing was written. Heed the \
+         warnings above; another `mixture.components` may help; the thesis' policy seldom holds a \
+         certificate, `fit: Canonical` mostly does; --allow-uncertified writes the model all \
+         the same",
         failures.len(),
         if failures.len() == 1 { "" } else { "s" },
         failures.first().map_or("", String::as_str)

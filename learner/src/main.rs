@@ -1,5 +1,6 @@
 //! `learner`: demonstrations in, frozen model out.
 
+use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -144,7 +145,8 @@ fn main() -> ExitCode {
     match run(Arguments::parse().command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("learner: {error}");
+            // The exit code tells it to who does not listen.
+            let _ = writeln!(std::io::stderr(), "learner: {error}");
             ExitCode::FAILURE
         }
     }
@@ -168,27 +170,27 @@ fn run(command: Command) -> Result<(), LearnerError> {
             let mut progress = Progress::new();
             let trained = train::train(&skill, components, seed, &mut |done| progress.tell(done))?;
             progress.finish();
-            print!("{}", report::trained(&trained));
+            print(&report::trained(&trained))?;
             let failures = &trained.model.certificate.failures;
             if !(failures.is_empty() || allow_uncertified) {
                 return Err(LearnerError::Uncertified { failures: failures.clone() });
             }
             skill_model::write(&trained.model, &out)?;
-            println!("wrote      {}", out.display());
+            print(&format!("wrote      {}\n", out.display()))?;
             if let Some(choice) = &trained.choice {
                 let path = out.with_extension("bic.svg");
                 std::fs::write(&path, plot::choice(choice))
                     .map_err(|source| LearnerError::Write { path: path.clone(), source })?;
-                println!("wrote      {}", path.display());
+                print(&format!("wrote      {}\n", path.display()))?;
             }
         }
         Command::Record(options) => record::record(&options)?,
         Command::Inspect { model } => {
-            print!("{}", report::inspected(&skill_model::read(&model)?));
+            print(&report::inspected(&skill_model::read(&model)?))?;
         }
         Command::Plot { model, demonstrations, out } => {
             for path in plot::plot(&model, &demonstrations, &out)? {
-                println!("wrote      {}", path.display());
+                print(&format!("wrote      {}\n", path.display()))?;
             }
         }
         Command::Import {
@@ -212,11 +214,21 @@ fn run(command: Command) -> Result<(), LearnerError> {
                 recorded_at_s,
             };
             for path in import(&foreign, &out, &selection)? {
-                println!("wrote      {}", path.display());
+                print(&format!("wrote      {}\n", path.display()))?;
             }
         }
     }
     Ok(())
+}
+
+/// Writes to standard output. A reader that has gone away, as in `learner inspect … | head`, is no
+/// reason to fail.
+fn print(text: &str) -> Result<(), LearnerError> {
+    let mut out = std::io::stdout();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(LearnerError::Output(error)),
+        _ => Ok(()),
+    }
 }
 
 /// Tells on a terminal what is done, once it has taken longer than a second.

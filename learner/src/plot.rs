@@ -393,6 +393,16 @@ fn without_rest(path: &[Canonical]) -> Vec<Canonical> {
     path[first..=end.max(first + 1)].to_vec()
 }
 
+/// Whether the certificate holds, and what it fails.
+fn verdict(failures: &[String]) -> String {
+    if failures.is_empty() {
+        return "<p>Its certificate holds.</p>\n".into();
+    }
+    let items: String =
+        failures.iter().map(|failure| format!("<li>{}</li>\n", escape(failure))).collect();
+    format!("<p><strong>Its certificate fails:</strong></p>\n<ul>\n{items}</ul>\n")
+}
+
 fn page_head(model: &SkillModel) -> String {
     let skill = escape(&model.skill);
     format!(
@@ -408,7 +418,8 @@ fn page_head(model: &SkillModel) -> String {
          figcaption {{ padding: 4px 14px 10px; max-width: 80ch; }}\n</style>\n</head>\n<body>\n\
          <h1>Skill “{skill}”</h1>\n<p>{manifold}, from “{start}” to a goal fixed to “{goal}”; \
          {count} demonstrations, K = {components} Gaussians; learned by version {version}, seed \
-         {seed}.</p>\n<main>\n",
+         {seed}.</p>\n{certificate}<main>\n",
+        certificate = verdict(&model.certificate.failures),
         ink = svg::INK,
         manifold = model.manifold,
         start = escape(&model.start_frame),

@@ -201,7 +201,7 @@ impl Session {
         }
         let event = self.recorder.end();
         self.handle(event)?;
-        eprintln!("learner: ended, {} recorded", demonstrations(self.written));
+        tell(&format!("ended, {} recorded", demonstrations(self.written)));
         Ok(())
     }
 
@@ -226,13 +226,12 @@ impl Session {
     fn handle(&mut self, event: Option<Event>) -> Result<(), LearnerError> {
         match event {
             None => {}
-            Some(Event::Begun { tool_as_start: false }) => eprintln!("learner: recording"),
-            Some(Event::Begun { tool_as_start: true }) => eprintln!(
-                "learner: recording; frame `{}` is not published: the tool's pose at the start \
-                 serves as such",
+            Some(Event::Begun { tool_as_start: false }) => tell("recording"),
+            Some(Event::Begun { tool_as_start: true }) => tell(&format!(
+                "recording; frame `{}` is not published: the tool's pose at the start serves as such",
                 self.skill.start_frame
-            ),
-            Some(Event::Refused(why)) => eprintln!("learner: not recorded: {why}"),
+            )),
+            Some(Event::Refused(why)) => tell(&format!("not recorded: {why}")),
             Some(Event::Shown(shown)) => self.save(*shown)?,
         }
         Ok(())
@@ -243,7 +242,7 @@ impl Session {
         match self.folder.save(&shown.demonstration, start_frame, goal_frame) {
             Ok(path) => {
                 self.written += 1;
-                // Who no longer listens does not end the session.
+                // As in [`tell`].
                 let mut out = std::io::stdout();
                 let _ = writeln!(out, "wrote      {}: {}", path.display(), shown.summary());
                 for note in shown.notes {
@@ -253,12 +252,17 @@ impl Session {
             }
             // What training would refuse is no demonstration; the next one may be.
             Err(LearnerError::Input { place, problem, .. }) => {
-                eprintln!("learner: not recorded: {place}: {problem}");
+                tell(&format!("not recorded: {place}: {problem}"));
                 Ok(())
             }
             Err(error) => Err(error),
         }
     }
+}
+
+/// Who no longer listens does not end the session.
+fn tell(text: &str) {
+    let _ = writeln!(std::io::stderr(), "learner: {text}");
 }
 
 fn demonstrations(count: u32) -> String {
@@ -303,7 +307,7 @@ impl Board {
         if self.told != Some(status) && since.elapsed() >= PATIENCE {
             self.told = Some(status);
             if let Some(text) = self.text(status, frames) {
-                eprintln!("learner: {text}");
+                tell(&text);
             }
         }
     }

@@ -65,7 +65,7 @@ pub(super) enum Stage {
 enum Phase {
     Unsettled,
     Ready,
-    Showing(Take),
+    Showing(Box<Take>),
 }
 
 /// The state machine. It is fed with samples whose times grow, and knows no clock.
@@ -195,12 +195,13 @@ impl Recorder {
             return Event::Refused(why);
         }
         let frames = self.frames.map(Sight::pose);
-        self.phase = Phase::Showing(Take {
+        let take = Take {
             samples: self.recent.iter().copied().collect(),
             frames,
             unseen_ns: [0; FRAME_CAPACITY],
             skipped: 0,
-        });
+        };
+        self.phase = Phase::Showing(Box::new(take));
         // What is needed is seen, so that only a start frame can be missing.
         Event::Begun { tool_as_start: frames[..self.task.frames().count()].contains(&None) }
     }
