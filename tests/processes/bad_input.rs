@@ -40,7 +40,10 @@ impl Case {
 
     fn damaged(&self, edit: impl Fn(String) -> String) -> String {
         let copy = self.place.path("damaged.model.ron");
-        std::fs::write(&copy, edit(std::fs::read_to_string(&self.model).unwrap())).unwrap();
+        let text = std::fs::read_to_string(&self.model).unwrap();
+        let damaged = edit(text.clone());
+        assert!(damaged != text, "nothing was damaged");
+        std::fs::write(&copy, damaged).unwrap();
         copy
     }
 }
@@ -58,6 +61,26 @@ fn a_wrong_model_is_refused() {
     case.refused(&config, &corrupted, &["checksum"]);
     let other = case.damaged(|t| t.replacen("tprmp-model/2", "tprmp-model/999", 1));
     case.refused(&config, &other, &["schema", "tprmp-model/2", "tprmp-model/999"]);
+}
+
+#[test]
+fn a_model_without_its_certificate_is_refused_by_file_key_and_failure() {
+    let place = Place::new("uncertified");
+    let skill = file("config/skills/planar_thesis.ron");
+    let model = place.train_file(&skill, &["--allow-uncertified"]);
+    let said = text(&run(program("learner").args(["inspect", &model])));
+    let failure = said.lines().find_map(|line| line.trim().strip_prefix("failed    ")).unwrap();
+    let config = file("config/controllers/planar.ron");
+    let check = run(program("controller").args(["check", &config, "--model", &model]));
+    assert!(check.status.success(), "{}", text(&check));
+    let line = format!("lack  certificate      {failure}");
+    assert!(text(&check).contains(&line), "{}", text(&check));
+    let case = Case { place, model };
+    case.refused(
+        &config,
+        &case.model,
+        &["planar_thesis.model.ron", "certificate.failures", failure, "--allow-uncertified"],
+    );
 }
 
 #[test]

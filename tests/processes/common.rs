@@ -99,7 +99,8 @@ impl Place {
 
     /// Trains the skill of a skill file.
     pub(crate) fn train_file(&self, skill: &str, options: &[&str]) -> String {
-        let model = self.path("model.ron");
+        let name = Path::new(skill).file_stem().and_then(|name| name.to_str());
+        let model = self.path(&format!("{}.model.ron", name.expect("a file has a name")));
         let output = run(program("learner").args(["train", skill, "--out", &model]).args(options));
         assert!(output.status.success(), "{}", text(&output));
         model

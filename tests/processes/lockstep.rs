@@ -1,5 +1,9 @@
 //! Learner, model, controller and bridge together, in lockstep: exact whatever the machine's load.
 
+use std::process::{Child, Output};
+
+use tprmp_messages::{JointCommand, LAYOUT};
+
 use crate::common::{Place, file, finish, json, program, run, text};
 
 /// One run of learner's model, controller and bridge. Returns the bytes of all commands.
@@ -9,15 +13,46 @@ fn lockstep(
     model: &str,
     bridge: &mut std::process::Command,
 ) -> Vec<u8> {
-    let commands = place.path("commands.bin");
     let controller = place.controller(&file(config), model, &["--lockstep", "--until-done"]);
+    let (commands, bridge, controller) = beside(place, controller, bridge);
+    assert!(bridge.status.success(), "{}\n{controller}", text(&bridge));
+    commands
+}
+
+/// Runs a bridge in lockstep beside a controller. Returns the bytes of all commands, how the bridge
+/// ended, and what the controller said.
+fn beside(
+    place: &Place,
+    controller: Child,
+    bridge: &mut std::process::Command,
+) -> (Vec<u8>, Output, String) {
+    let commands = place.path("commands.bin");
     let output = run(bridge
         .args(["--instance", &place.instance, "--out", &place.path("")])
         .args(["--lockstep", "--record-commands", &commands]));
     let controller = finish_or_stop(controller);
-    assert!(output.status.success(), "{}\n{controller}", text(&output));
     assert_eq!(place.leftovers(), Vec::<std::path::PathBuf>::new());
-    std::fs::read(commands).expect("the bridge recorded the commands")
+    let commands =
+        std::fs::read(commands).unwrap_or_else(|e| panic!("{e}: {}\n{controller}", text(&output)));
+    (commands, output, controller)
+}
+
+/// Whether every number of all commands is finite.
+fn finite(commands: &[u8]) -> bool {
+    let numbers = ["position", "velocity", "acceleration", "torque", "gravity_torque"];
+    let fields: Vec<_> = LAYOUT
+        .iter()
+        .filter(|f| f.message == "JointCommand" && numbers.contains(&f.field))
+        .collect();
+    assert_eq!(fields.len(), numbers.len());
+    let (commands, rest) = commands.as_chunks::<{ size_of::<JointCommand>() }>();
+    assert!(!commands.is_empty() && rest.is_empty());
+    commands.iter().all(|command| {
+        fields.iter().all(|field| {
+            let (numbers, _) = command[field.offset..][..field.size].as_chunks();
+            numbers.iter().all(|bytes| f64::from_ne_bytes(*bytes).is_finite())
+        })
+    })
 }
 
 /// The controller ends by itself once the task is done; one whose bridge left earlier is asked to.
@@ -73,4 +108,56 @@ fn the_planar_skill_reaches_its_moving_goal_and_repeats_byte_for_byte() {
     }
     assert!(streams[0] == streams[1], "the same seed gave other commands");
     assert!(streams[0] != streams[2], "another seed gave the same commands");
+}
+
+#[test]
+fn a_model_without_its_certificate_runs_when_it_is_allowed_to() {
+    let place = Place::new("allowed");
+    let skill = file("config/skills/planar_thesis.ron");
+    let model = place.train_file(&skill, &["--allow-uncertified"]);
+    let config = file("config/controllers/planar.ron");
+    let mut streams = Vec::new();
+    for seed in ["1", "1"] {
+        let controller = place.controller(&config, &model, &["--lockstep", "--allow-uncertified"]);
+        let mut bridge = program("planar-sim");
+        // The goal frame goes round and turns. Whether the skill gets there is not asked.
+        bridge.args(["run", "--scene", &file("config/scenes/planar.json"), "--seed", seed]);
+        let (commands, bridge, said) = beside(&place, controller, &mut bridge);
+        let outcome = &json(&place.path("bridge.json"))["outcome"];
+        assert!(outcome == "timeout" || outcome == "done", "{}\n{said}", text(&bridge));
+        assert!(finite(&commands));
+        let summary = json(&place.path("controller.json"));
+        assert_eq!(summary["allocations"], 0, "{summary}");
+        let ticks = summary["ticks"].as_u64().unwrap();
+        assert!(ticks > 1000, "{summary}");
+        // It follows the skill: no check of its input or limit holds it.
+        let stopping = summary["ticks_by_reason"]["StopRequested"].as_u64().unwrap_or(0);
+        assert_eq!(summary["ticks_by_reason"]["None"], ticks - stopping, "{summary}");
+        streams.push(commands);
+    }
+    assert!(streams[0] == streams[1], "the same seed gave other commands");
+}
+
+#[test]
+fn a_skill_of_one_frame_reaches_its_moving_goal() {
+    let place = Place::new("one-frame");
+    let skill = place.edited(
+        "config/skills/planar.ron",
+        &[
+            ("start_frame: \"start\"", "start_frame: \"end\""),
+            ("other_frames: []", "other_frames: [\"start\"]"),
+            ("../demonstrations", &file("config/demonstrations")),
+        ],
+    );
+    let model = place.train_file(&skill, &[]);
+    for seed in ["1", "3"] {
+        let mut bridge = program("planar-sim");
+        bridge.args(["run", "--scene", &file("config/scenes/planar.json"), "--seed", seed]);
+        let commands = lockstep(&place, "config/controllers/planar.ron", &model, &mut bridge);
+        assert!(finite(&commands));
+        let report = run(program("planar-sim").args(["report", &place.path("")]));
+        assert!(report.status.success(), "seed {seed}: {}", text(&report));
+        let result = json(&place.path("result.json"));
+        assert_eq!(result["allocations"], 0, "{result}");
+    }
 }

@@ -431,6 +431,30 @@ fn faulty_states_and_a_publisher_that_goes_end_a_demonstration_and_the_next_one_
 }
 
 #[test]
+fn a_listener_that_has_gone_ends_no_recording() {
+    let place = Place::new("record-unheard");
+    let mut robot = Robot::new(&place);
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let mut command =
+        Recorder::command(&place, &file("config/skills/planar.ron"), &["--count", "1"]);
+    let mut child = command.stdout(writer.try_clone().unwrap()).stderr(writer).spawn().unwrap();
+    let begin = Instant::now();
+    for to in [GOAL, START].into_iter().cycle() {
+        if child.try_wait().unwrap().is_some() || begin.elapsed() > PATIENCE {
+            break;
+        }
+        // A second of rest on the states' clock, and some.
+        (0..300).for_each(|_| robot.publish());
+        robot.go(to, |_, _| {});
+    }
+    // One that has not ended by now fails the test.
+    let _ = child.kill();
+    assert!(child.wait().unwrap().success());
+    assert_eq!(names(&place), ["01.json"]);
+}
+
+#[test]
 fn recording_beside_a_controller_changes_none_of_its_commands() {
     let place = Place::new("record-beside");
     let model = place.train("planar");
