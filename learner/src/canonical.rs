@@ -5,7 +5,7 @@
 //! of its own frames ([`tprmp_rmpflow::frame_map`]), then smoothed. Rest before and after the motion
 //! is cut: a field of the state alone cannot wait, and would take it for a place to stay.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use tprmp_rmpflow::frame_map::{
     Canonical, CanonicalFrames, Displacement, FrameMap, FrameMotion, Pose,
 };
@@ -129,9 +129,11 @@ pub fn canonicalise(
         let (position, rotation) = (smoothed(&positions), smoothed(&rotations));
         set.push(CanonicalDemonstration { displacement, rest: 0, position, rotation });
     }
+    let positions = span(set.iter().map(|d| &d.position), frames.goal_frame.orientation);
+    let rotations = span(set.iter().map(|d| &d.rotation), DQuat::IDENTITY);
     let scales = [
-        scale.span / span(set.iter().map(|d| &d.position)).max(scale.position_span_min_m),
-        scale.span / span(set.iter().map(|d| &d.rotation)).max(scale.orientation_span_min_rad),
+        scale.span / positions.max(scale.position_span_min_m),
+        scale.span / rotations.max(scale.orientation_span_min_rad),
     ];
     for (canonical, demonstration) in set.iter_mut().zip(demonstrations) {
         canonical.cut_rest(scales, smoothing.rest_speed_share);
@@ -141,9 +143,11 @@ pub fn canonicalise(
     Ok(CanonicalSet { map, scales, demonstrations: set })
 }
 
-/// Diagonal of the bounding box of all points.
-fn span<'a>(paths: impl Iterator<Item = &'a Path> + Clone) -> f64 {
-    let points = || paths.clone().flat_map(|path| path.points.iter().copied());
+/// Diagonal of the bounding box of all points along these axes. Those of a frame turn with the
+/// demonstrations: so the span does not depend on how the robot's base frame lies.
+fn span<'a>(paths: impl Iterator<Item = &'a Path> + Clone, axes: DQuat) -> f64 {
+    let along = axes.conjugate();
+    let points = || paths.clone().flat_map(|path| path.points.iter().map(|point| along * *point));
     let low = points().reduce(DVec3::min).unwrap_or_default();
     let high = points().reduce(DVec3::max).unwrap_or_default();
     (high - low).length()

@@ -65,7 +65,8 @@ pub struct Smoothing {
 }
 
 /// Each block is fitted in coordinates ŷ = s y in which the demonstrations have a given span
-/// (diagonal of their bounding box), because all lengths of [`FieldSettings`] refer to it.
+/// (diagonal of their bounding box along the axes of the goal frame), because all lengths of
+/// [`FieldSettings`] refer to it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scale {

@@ -4,7 +4,7 @@ mod common;
 
 use std::path::Path;
 
-use common::{Folder, arcs, skill_file, skill_text};
+use common::{Folder, arcs, skill, skill_file, skill_text};
 use proptest::prelude::*;
 use tprmp_learner::demonstration::{self, read, read_folder, to_text};
 use tprmp_learner::import::{Selection, import};
@@ -178,6 +178,8 @@ fn the_repository_s_skill_files_are_valid() {
     assert_eq!(Skill::read(&skill_file("pick.ron")).unwrap().manifold, Manifold::R3S3);
     assert_eq!(Skill::read(&skill_file("planar.ron")).unwrap().manifold, Manifold::R2);
     assert_eq!(Skill::read(&skill_file("planar_thesis.ron")).unwrap().manifold, Manifold::R2);
+    // Those that the tests make of them are for other demonstrations.
+    assert_eq!(skill("planar_thesis.ron").skill, "made_up");
 }
 
 #[test]

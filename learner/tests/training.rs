@@ -4,20 +4,15 @@ mod common;
 
 use std::process::{Command, Output};
 
-use common::{Folder, arcs, skill_text};
+use common::{Folder, arcs, skill, skill_text};
 use glam::{DQuat, DVec3};
 use tprmp_learner::components::Components;
 use tprmp_learner::demonstration::Demonstration;
 use tprmp_learner::error::LearnerError;
 use tprmp_learner::report;
-use tprmp_learner::skill::{Initialisation, Skill};
+use tprmp_learner::skill::Initialisation;
 use tprmp_learner::train::{Trained, learn, train};
 use tprmp_model::skill_model::{self, FieldModel, Manifold, Policy, to_text};
-
-fn skill(template: &str) -> Skill {
-    let folder = Folder::new(&format!("skill-{template}-{:?}", std::thread::current().id()));
-    Skill::read(&folder.write("skill.ron", &skill_text(template))).unwrap()
-}
 
 fn learned(template: &str, shown: &[Demonstration]) -> Result<Trained, LearnerError> {
     learn(&skill(template), shown, 1, &mut |_| {})

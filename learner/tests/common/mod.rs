@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
 use tprmp_learner::demonstration::{Demonstration, to_text};
+use tprmp_learner::skill::Skill;
 use tprmp_model::skill_model::Manifold;
 use tprmp_rmpflow::frame_map::Pose;
 
@@ -40,6 +41,12 @@ pub(crate) fn skill_text(template: &str) -> String {
         .replace("\"../demonstrations/planar\"", "\"shown\"")
         .replace("random_starts: 100", "random_starts: 20")
         .replace("displaced_starts: 100", "displaced_starts: 20")
+}
+
+/// A skill file for the made-up demonstrations, read.
+pub(crate) fn skill(template: &str) -> Skill {
+    let folder = Folder::new(&format!("skill-{template}-{:?}", std::thread::current().id()));
+    Skill::read(&folder.write("skill.ron", &skill_text(template))).unwrap()
 }
 
 /// Progress of a motion that starts and ends at rest; half a second of rest before it.

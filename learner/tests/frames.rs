@@ -1,0 +1,432 @@
+//! What becomes of a skill when its frames, or everything, lie elsewhere; and skills of one and of
+//! three frames.
+
+#[allow(dead_code, reason = "each test binary uses its part")]
+mod common;
+
+use std::sync::LazyLock;
+
+use common::{arcs, skill};
+use glam::{DQuat, DVec3};
+use nalgebra::Vector6;
+use proptest::prelude::*;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use tprmp_learner::canonical::canonicalise;
+use tprmp_learner::demonstration::Demonstration;
+use tprmp_learner::policy::Learned;
+use tprmp_learner::rollout::{Course, follow};
+use tprmp_learner::skill::{FitSettings, Skill};
+use tprmp_learner::tp_gmm::{frames, uninformative_frames};
+use tprmp_learner::train::{Trained, learn};
+use tprmp_model::skill_model::{FrameMixture, Manifold, SkillModel};
+use tprmp_rmpflow::frame_map::Pose;
+
+/// A skill whose training is not examined, for tests that do so themselves.
+fn unexamined(template: &str) -> Skill {
+    let mut skill = skill(template);
+    skill.certification.random_starts = 0;
+    skill.certification.displaced_starts = 0;
+    skill.certification.horizon_s = 0.1;
+    skill
+}
+
+/// The thesis' skill of poses.
+fn pick_thesis() -> Skill {
+    let planar = skill("planar_thesis.ron");
+    Skill { mixture: planar.mixture, fit: planar.fit, ..unexamined("pick.ron") }
+}
+
+fn learned(skill: &Skill, shown: &[Demonstration]) -> Trained {
+    learn(skill, shown, 1, &mut |_| {}).unwrap()
+}
+
+/// A motion of everything: of the plane for planar skills.
+fn motion(manifold: Manifold, translation: DVec3, turn: DVec3) -> Pose {
+    if manifold == Manifold::R2 {
+        let position = translation * DVec3::new(1.0, 1.0, 0.0);
+        return Pose { position, orientation: DQuat::from_rotation_z(turn.z) };
+    }
+    Pose { position: translation, orientation: DQuat::from_scaled_axis(turn) }
+}
+
+/// A pose of the tool, moved; planar ones have no orientation.
+fn moved(manifold: Manifold, motion: &Pose, pose: &Pose) -> Pose {
+    let whole = motion.compose(pose);
+    let orientation =
+        if manifold == Manifold::R2 { DQuat::IDENTITY } else { whole.orientation.normalize() };
+    Pose { orientation, ..whole }
+}
+
+/// Demonstrations with their frames, moved together.
+fn all_moved(shown: &[Demonstration], motion: &Pose) -> Vec<Demonstration> {
+    let mut shown = shown.to_vec();
+    for demonstration in &mut shown {
+        let manifold = demonstration.manifold;
+        for frame in [&mut demonstration.start, &mut demonstration.goal_frame]
+            .into_iter()
+            .chain(demonstration.other_frames.values_mut())
+        {
+            *frame = motion.compose(frame);
+        }
+        demonstration.poses.iter_mut().for_each(|pose| *pose = moved(manifold, motion, pose));
+    }
+    shown
+}
+
+/// The acceleration of a body that obeys a model's policy [m/s², rad/s²].
+fn acceleration(model: &SkillModel, frames: &[Pose], pose: &Pose, v: [DVec3; 2]) -> [DVec3; 2] {
+    let policy = Learned::new(model).unwrap();
+    let mut natural = policy.situation(frames).evaluate(pose, v[0], v[1]).natural;
+    // What the manifold does not span has no inertia.
+    for i in 0..6 {
+        let spanned = match model.manifold {
+            Manifold::R2 => i < 2,
+            Manifold::R3 => i < 3,
+            Manifold::R3S3 => true,
+        };
+        if !spanned {
+            natural.metric[(i, i)] += 1.0;
+        }
+    }
+    let a: Vector6<f64> = natural.resolve().unwrap();
+    [DVec3::new(a[0], a[1], a[2]), DVec3::new(a[3], a[4], a[5])]
+}
+
+/// A demonstration's frames, displaced by up to some share of a metre and of a radian, and a pose
+/// of the tool near the demonstrated way, with a velocity.
+fn near(
+    skill: &Skill,
+    shown: &[Demonstration],
+    displacement: f64,
+    random: &mut ChaCha8Rng,
+) -> (Vec<Pose>, Pose, [DVec3; 2]) {
+    let mut ball = |size: f64| {
+        DVec3::from_array(std::array::from_fn(|_| size * random.random_range(-1.0..1.0)))
+    };
+    let mut beside = |pose: &Pose, metres: f64, radians: f64| {
+        let by = motion(skill.manifold, ball(metres), ball(radians));
+        Pose {
+            position: pose.position + by.position,
+            orientation: by.orientation * pose.orientation,
+        }
+    };
+    let demonstration = &shown[1];
+    let frames = frames(skill, demonstration)
+        .iter()
+        .map(|(_, frame)| beside(frame, displacement, displacement))
+        .collect();
+    let pose = beside(&demonstration.poses[70], 0.07, 0.2);
+    let velocity = motion(skill.manifold, ball(0.3), DVec3::ZERO).position;
+    let turning = if skill.manifold == Manifold::R3S3 { ball(0.5) } else { DVec3::ZERO };
+    (frames, moved(skill.manifold, &Pose::IDENTITY, &pose), [velocity, turning])
+}
+
+/// The policy of `after`, learned from moved demonstrations, is that of `before`, moved.
+fn assert_policy_moved(
+    skill: &Skill,
+    [before, after]: [&SkillModel; 2],
+    by: &Pose,
+    tolerance: f64,
+    seed: u64,
+) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let shown = arcs(skill.manifold);
+    for _ in 0..20 {
+        let (frames, pose, velocity) = near(skill, &shown, 0.05, &mut random);
+        let expected = acceleration(before, &frames, &pose, velocity).map(|a| by.orientation * a);
+        let frames: Vec<_> = frames.iter().map(|frame| by.compose(frame)).collect();
+        let pose = moved(skill.manifold, by, &pose);
+        let found = acceleration(after, &frames, &pose, velocity.map(|v| by.orientation * v));
+        for (found, expected) in found.iter().zip(expected) {
+            let size = 1.0 + expected.length();
+            let error = (*found - expected).length();
+            assert!(error < tolerance * size, "{error:e} of {size}");
+        }
+    }
+}
+
+fn assert_near(a: &[f64], b: &[f64], tolerance: f64) {
+    assert_eq!(a.len(), b.len());
+    for (a, b) in a.iter().zip(b) {
+        assert!((a - b).abs() < tolerance, "{a} {b}");
+    }
+}
+
+/// The same Gaussians seen from the frames.
+fn assert_same_frames(a: &[FrameMixture], b: &[FrameMixture], tolerance: f64) {
+    assert_eq!(a.len(), b.len());
+    for (a, b) in a.iter().zip(b) {
+        assert_eq!(a.name, b.name);
+        for (a, b) in a.gaussians.iter().zip(&b.gaussians) {
+            assert_near(&a.position_m, &b.position_m, tolerance);
+            assert_near(&a.covariance.concat(), &b.covariance.concat(), tolerance);
+            let quaternion = |q: Option<[f64; 4]>| q.unwrap_or([1.0, 0.0, 0.0, 0.0]);
+            let (a, b) = (quaternion(a.quaternion_wxyz), quaternion(b.quaternion_wxyz));
+            let same = DQuat::from_array(a).dot(DQuat::from_array(b)).abs();
+            assert!((1.0 - same).abs() < tolerance, "{a:?} {b:?}");
+        }
+    }
+}
+
+/// What holds for every policy, whatever the motion: the mixture, and where the skill lies.
+fn assert_mixture_moved([before, after]: [&SkillModel; 2], by: &Pose) {
+    assert_same_frames(&before.frames, &after.frames, 1e-7);
+    let log = |model: &SkillModel| model.fit.em_log_likelihood;
+    assert!((log(after) - log(before)).abs() < 1e-7, "{} {}", log(before), log(after));
+    for (a, b) in before.gaussians.iter().zip(&after.gaussians) {
+        assert_near(&[a.prior, a.phase], &[b.prior, b.phase], 1e-7);
+    }
+    let canonical = |model: &SkillModel| {
+        let all = [model.canonical.start, model.canonical.goal_frame, model.canonical.goal];
+        all.map(Pose::from)
+    };
+    for (a, b) in canonical(before).iter().zip(canonical(after)) {
+        let expected = by.compose(a);
+        assert!((b.position - expected.position).length() < 1e-9);
+        assert!(b.rotation_from(&expected).length() < 1e-9);
+    }
+    assert_eq!(before.canonical.positions_turn, after.canonical.positions_turn);
+}
+
+/// Skills, and the models that are learned where they were shown.
+static SKILLS: LazyLock<Vec<(Skill, SkillModel)>> = LazyLock::new(|| {
+    [
+        unexamined("planar.ron"),
+        unexamined("pick.ron"),
+        unexamined("planar_thesis.ron"),
+        pick_thesis(),
+    ]
+    .into_iter()
+    .map(|skill| {
+        let model = learned(&skill, &arcs(skill.manifold)).model;
+        (skill, model)
+    })
+    .collect()
+});
+
+/// The same for canonical skills whose ways turn with the frames, of two frames and of one.
+static TURNING: LazyLock<Vec<(Skill, SkillModel)>> = LazyLock::new(|| {
+    let all = ["planar.ron", "pick.ron"].map(|template| {
+        [unexamined(template), single_frame(unexamined(template))].map(|skill| {
+            let model = learned(&skill, &turned_arcs(skill.manifold)).model;
+            assert!(model.canonical.positions_turn);
+            (skill, model)
+        })
+    });
+    all.into_iter().flatten().collect()
+});
+
+/// A skill that knows the goal frame alone.
+fn single_frame(skill: Skill) -> Skill {
+    Skill { start_frame: skill.goal_frame.clone(), ..skill }
+}
+
+/// Arcs that are shown in different places, way and frames together.
+fn turned_arcs(manifold: Manifold) -> Vec<Demonstration> {
+    let place = |(i, shown): (usize, Demonstration)| {
+        let turn = DVec3::new(0.1, -0.05, 0.4) * (i as f64 - 1.0);
+        let by = motion(manifold, DVec3::new(0.02, -0.03, 0.01) * i as f64, turn);
+        all_moved(&[shown], &by)
+    };
+    arcs(manifold).into_iter().enumerate().flat_map(place).collect()
+}
+
+fn is_thesis(skill: &Skill) -> bool {
+    matches!(skill.fit, FitSettings::Thesis(_))
+}
+
+fn vector(size: f64) -> impl Strategy<Value = DVec3> {
+    let component = -size..size;
+    (component.clone(), component.clone(), component).prop_map(|(x, y, z)| DVec3::new(x, y, z))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 4, failure_persistence: None, ..Default::default() })]
+
+    #[test]
+    fn what_is_shown_elsewhere_is_learned_there(translation in vector(2.0), seed in any::<u64>()) {
+        for (skill, before) in &*SKILLS {
+            let by = motion(skill.manifold, translation, DVec3::ZERO);
+            let after = learned(skill, &all_moved(&arcs(skill.manifold), &by)).model;
+            assert_mixture_moved([before, &after], &by);
+            assert_policy_moved(skill, [before, &after], &by, 1e-6, seed);
+        }
+    }
+
+    /// The convex program of the canonical policy looks at points on a grid along the axes of the
+    /// base frame, so that its field is not quite the turned one; all the rest is.
+    #[test]
+    fn what_is_shown_turned_is_learned_turned(
+        translation in vector(2.0), turn in vector(1.8), seed in any::<u64>(),
+    ) {
+        for (skill, before) in &*SKILLS {
+            let by = motion(skill.manifold, translation, turn);
+            let after = learned(skill, &all_moved(&arcs(skill.manifold), &by)).model;
+            assert_mixture_moved([before, &after], &by);
+            if is_thesis(skill) {
+                assert_policy_moved(skill, [before, &after], &by, 2e-4, seed);
+            }
+        }
+    }
+
+    #[test]
+    fn a_policy_moves_with_its_frames(
+        translation in vector(2.0), turn in vector(1.8), seed in any::<u64>(),
+    ) {
+        for (skill, model) in SKILLS.iter().chain(&*TURNING) {
+            // Positions that do not turn with the frames keep their way upright.
+            let turns = is_thesis(skill) || model.canonical.positions_turn;
+            let by = motion(skill.manifold, translation, if turns { turn } else { DVec3::ZERO });
+            assert_policy_moved(skill, [model, model], &by, 1e-9, seed);
+        }
+    }
+
+    /// V̇ ≤ 0 holds for steps that are short enough. From starts as near to the demonstrations as
+    /// those of the certificate 100 Hz are enough for the canonical policy; for the thesis' policy
+    /// of poses, whose precisions differ more, 1 kHz are.
+    #[test]
+    fn energy_never_rises_with_displaced_frames(seed in any::<u64>()) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        for (skill, model) in SKILLS.iter().chain(&*TURNING) {
+            let policy = Learned::new(model).unwrap();
+            let steps: &[f64] = if is_thesis(skill) { &[1e-3] } else { &[1e-2, 1e-3] };
+            for _ in 0..3 {
+                let (frames, start, _) = near(skill, &arcs(skill.manifold), 0.1, &mut random);
+                let goal = goal(model, &frames);
+                for step_s in steps.iter().copied() {
+                    let steps = (4.0 / step_s) as usize;
+                    let course = Course { start, goal, step_s, steps, arrived: None };
+                    let mut situation = policy.situation(&frames);
+                    let outcome = follow(&mut situation, skill.manifold, &course, |_| {});
+                    let rise = outcome.energy_rise_max / outcome.energy_at_start;
+                    prop_assert!(rise < 1e-9, "{rise:e} in {step_s} s");
+                    prop_assert!(outcome.energy_at_start > 0.0 && !outcome.folded);
+                }
+            }
+        }
+    }
+}
+
+/// The goal of a model with these frames.
+fn goal(model: &SkillModel, frames: &[Pose]) -> Pose {
+    let canonical = [model.canonical.goal_frame, model.canonical.goal].map(Pose::from);
+    let frame = frames[usize::from(model.goal_frame != model.start_frame)];
+    frame.compose(&canonical[0].inverse().compose(&canonical[1]))
+}
+
+#[test]
+fn a_skill_of_one_frame_is_learned_and_holds() {
+    for template in ["planar.ron", "pick.ron"] {
+        let skill = single_frame(skill(template));
+        let trained = learned(&skill, &turned_arcs(skill.manifold));
+        assert!(trained.model.certificate.holds(), "{:?}", trained.model.certificate.failures);
+        // However the only frame is displaced, the whole space goes with it.
+        assert_eq!(trained.model.certificate.displaced_frames.folded, 0);
+        let names: Vec<_> = trained.model.frames.iter().map(|frame| &frame.name).collect();
+        assert_eq!(names, ["end"]);
+        assert_eq!((trained.model.start_frame.as_str(), trained.warnings.len()), ("end", 0));
+    }
+}
+
+#[test]
+fn the_thesis_skill_of_one_frame_is_its_own_product() {
+    for skill in [unexamined("planar_thesis.ron"), pick_thesis()].map(single_frame) {
+        let model = learned(&skill, &turned_arcs(skill.manifold)).model;
+        assert_eq!(model.frames.len(), 1);
+        let turn = motion(skill.manifold, DVec3::new(0.3, -0.2, 0.4), DVec3::new(0.5, 1.0, -0.8));
+        assert_policy_moved(&skill, [&model, &model], &turn, 1e-9, 1);
+        // At the mean of the last Gaussian the potential of a lone product has its least value.
+        let block = &model.certificate.blocks[0];
+        assert!(
+            block.metric_eigenvalue_min > 0.0 && block.goal_hessian_min_1_s2 > 0.0,
+            "{block:?}"
+        );
+    }
+}
+
+/// Arcs with a third frame that lies differently in each.
+fn arcs_with_a_box(manifold: Manifold) -> Vec<Demonstration> {
+    let mut shown = arcs(manifold);
+    for (i, demonstration) in shown.iter_mut().enumerate() {
+        let away = DVec3::new(0.3, -0.2, 0.05) + DVec3::new(0.03, 0.05, 0.02) * i as f64;
+        let by = motion(manifold, away, DVec3::new(0.0, 0.0, 0.3 * i as f64));
+        demonstration.other_frames.insert("box".into(), by);
+    }
+    shown
+}
+
+#[test]
+fn a_third_frame_is_learned_from_too() {
+    for two in [
+        unexamined("planar.ron"),
+        unexamined("pick.ron"),
+        unexamined("planar_thesis.ron"),
+        pick_thesis(),
+    ] {
+        let skill = Skill { other_frames: vec!["box".into()], ..two };
+        let shown = arcs_with_a_box(skill.manifold);
+        let model = learned(&skill, &shown).model;
+        let names: Vec<_> = model.frames.iter().map(|frame| frame.name.as_str()).collect();
+        assert_eq!(names, ["start", "end", "box"]);
+
+        // The mean of a mixture is that of its samples, here as the box sees them.
+        let set = canonicalise(&shown, &skill.smoothing, &skill.scale).unwrap();
+        let (mut sum, mut count) = (DVec3::ZERO, 0.0);
+        for (demonstration, moving) in shown.iter().zip(&set.demonstrations) {
+            let moving = &demonstration.poses[moving.rest..][..moving.position.points.len()];
+            let seen = demonstration.other_frames["box"].inverse();
+            sum += moving.iter().map(|pose| seen.compose(pose).position).sum::<DVec3>();
+            count += moving.len() as f64;
+        }
+        let n = skill.manifold.position_dimension();
+        for i in 0..n {
+            let gaussians = model.frames[2].gaussians.iter().zip(&model.gaussians);
+            let mean: f64 = gaussians.map(|(g, one)| g.position_m[i] * one.prior).sum();
+            assert!((mean - sum[i] / count).abs() < 1e-6, "{mean} {}", sum[i] / count);
+        }
+
+        // A product of Gaussians follows the box, the canonical policy knows start and goal alone.
+        let frames: Vec<_> = frames(&skill, &shown[1]).into_iter().map(|frame| frame.1).collect();
+        let mut displaced = frames.clone();
+        displaced[2].position.y += 0.1;
+        let at = |frames: &[Pose]| {
+            acceleration(&model, frames, &shown[1].poses[70], [DVec3::ZERO; 2])[0]
+        };
+        let change = (at(&displaced) - at(&frames)).length();
+        assert_eq!(change > 1e-3, is_thesis(&skill), "{change}");
+        assert!(is_thesis(&skill) || change == 0.0);
+    }
+}
+
+#[test]
+fn frames_that_are_fixed_to_each_other_are_warned_of_by_name() {
+    let mut skill = unexamined("planar.ron");
+    skill.other_frames = vec!["box".into(), "lid".into()];
+    let mut shown = arcs_with_a_box(Manifold::R2);
+    for demonstration in &mut shown {
+        let lid = demonstration.start.compose(&Pose {
+            position: DVec3::new(0.1, 0.2, 0.0),
+            orientation: DQuat::from_rotation_z(0.7),
+        });
+        demonstration.other_frames.insert("lid".into(), lid);
+    }
+    let told = uninformative_frames(&skill, &shown);
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].contains("`start` and `lid`") && told[0].contains("all 3"), "{told:?}");
+    let warnings = learned(&skill, &shown).warnings;
+    assert!(warnings.contains(&told[0]), "{warnings:?}");
+
+    // A turn of the lid by a hundredth, in one demonstration, tells the two apart.
+    let lid = shown[2].other_frames.get_mut("lid").unwrap();
+    lid.orientation = DQuat::from_rotation_z(0.01) * lid.orientation;
+    assert_eq!(uninformative_frames(&skill, &shown), Vec::<String>::new());
+
+    // All frames, and a single demonstration, in which nothing differs.
+    let told = uninformative_frames(&skill, &shown[..1]);
+    assert_eq!(told.len(), 1, "{told:?}");
+    for part in ["`start` and `end` and `box` and `lid`", "only demonstration", "1/4"] {
+        assert!(told[0].contains(part), "{told:?}");
+    }
+    assert_eq!(uninformative_frames(&single_frame(unexamined("planar.ron")), &shown).len(), 0);
+}
