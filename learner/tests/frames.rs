@@ -1,7 +1,6 @@
 //! What becomes of a skill when its frames, or everything, lie elsewhere; and skills of one and of
 //! three frames.
 
-#[allow(dead_code, reason = "each test binary uses its part")]
 mod common;
 
 use std::sync::LazyLock;

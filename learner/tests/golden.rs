@@ -8,7 +8,7 @@ use std::path::Path;
 use common::{Folder, arcs, skill_text};
 use tprmp_learner::skill::Skill;
 use tprmp_learner::train::learn;
-use tprmp_model::skill_model::{Manifold, to_text};
+use tprmp_model::skill_model::{Manifold, Policy, to_text};
 
 /// Numbers may differ by so much, relatively and for numbers near zero: another machine's
 /// logarithms do, and what is computed from them.
@@ -42,7 +42,11 @@ fn check(name: &str, template: &str, manifold: Manifold) {
     let skill = Skill::read(&folder.write("skill.ron", &skill_text(template))).unwrap();
     let skill = skill.with_components(COMPONENTS).unwrap();
     let trained = learn(&skill, &arcs(manifold), 1, &mut |_| {}).unwrap();
-    let text = to_text(&trained.model);
+    let mut text = to_text(&trained.model);
+    if matches!(trained.model.policy, Policy::Thesis(_)) {
+        // Its rollouts pass between attractors: they are not for comparing.
+        text.truncate(text.find("\n    fit: (").expect("a model tells its fit"));
+    }
     let stored = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/{name}.ron"));
     if std::env::var_os("TPRMP_RENEW_GOLDEN").is_some() {
         std::fs::write(&stored, &text).unwrap();
