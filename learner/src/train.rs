@@ -376,3 +376,30 @@ fn fit_warnings(
     }
     warnings
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_demonstration_without_which_a_program_is_solved_is_named() {
+        let failed = || -> Result<(), LearnerError> {
+            let (program, status) = ("potential", "NumericalError".into());
+            Err(LearnerError::NotSolved { program, status, iterations: 7, causes: Vec::new() })
+        };
+        let names = ["01.json", "02.json", "03.json"];
+        let told = |solved_without: &[usize]| {
+            let blamed = blaming(failed(), &names, |i| solved_without.contains(&i));
+            blamed.unwrap_err().to_string()
+        };
+        let one = told(&[1]);
+        assert!(one.contains("`02.json` causes it") && one.contains("potential"), "{one}");
+        let several = told(&[0, 2]);
+        assert!(several.contains("`01.json`, `03.json`"), "{several}");
+        assert!(told(&[]).contains("no single demonstration"));
+        // The only one is to blame, and is not left out.
+        let only = blaming(failed(), &names[..1], |_| unreachable!("nothing is left"));
+        assert!(only.unwrap_err().to_string().contains("`01.json` causes it"));
+        assert!(blaming(Ok(()), &names, |_| false).is_ok());
+    }
+}
