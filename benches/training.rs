@@ -1,11 +1,12 @@
 //! How long learning takes: a planar skill (3 × 675 samples, K = 9), a pick (3 × 380, K = 15), and
-//! the choice of K. Prints a table, and writes it to `target/bench/training.json`.
+//! the choice of K. Prints a table, and writes it to `target/bench/results.json`.
 //!
 //! The samples are those of the repository's demonstrations, brought to these numbers.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use tprmp_bench::results::{self, Verdict};
 use tprmp_learner::components::choose;
 use tprmp_learner::demonstration::{Demonstration, read_folder};
 use tprmp_learner::skill::Skill;
@@ -114,22 +115,20 @@ fn main() {
     }
     let memory_mb = memory_mb();
     println!("{:<58} {memory_mb:>26.0} {:>8.0}", "largest memory [MB]", 200.0);
-    let json: Vec<_> = rows
+    let mut json: Vec<_> = rows
         .iter()
         .map(|row| {
             serde_json::json!({
-                "group": "training", "name": row.name, "seed": SEED, "runs": RUNS,
+                "name": row.name, "seed": SEED, "runs": RUNS,
                 "min_s": row.at(0.0), "p50_s": row.at(0.5), "max_s": row.at(1.0),
                 "must_s": row.must_s,
+                "verdict": Verdict::at_most(row.at(0.5), row.must_s, "s"),
             })
         })
-        .chain([serde_json::json!({
-            "group": "training", "name": "largest memory", "max_mb": memory_mb, "must_mb": 200.0,
-        })])
         .collect();
-    let folder = Path::new("target/bench");
-    std::fs::create_dir_all(folder).expect("the folder `target/bench` can be made");
-    let text = format!("{:#}\n", serde_json::Value::from(json));
-    std::fs::write(folder.join("training.json"), text)
-        .expect("`target/bench/training.json` can be written");
+    json.push(serde_json::json!({
+        "name": "largest memory", "max_mb": memory_mb, "must_mb": 200.0,
+        "verdict": Verdict::at_most(memory_mb, 200.0, "MB"),
+    }));
+    results::replace("training", &json).unwrap_or_else(|e| panic!("{e}"));
 }

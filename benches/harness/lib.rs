@@ -1,0 +1,3 @@
+//! What the benchmarks share: the rows they write, and what is needed to measure several processes.
+
+pub mod results;
