@@ -15,6 +15,10 @@ use crate::error::{LearnerError, read_text};
 pub const SCHEMA: &str = "tprmp-demonstration/1";
 /// Fewest points of a demonstration.
 pub const POINTS_MIN: usize = 10;
+/// Positions farther away are refused [m]: no unit of length is so far off, and nothing overflows.
+pub const POSITION_MAX_M: f64 = 1e6;
+/// Longest demonstration [s]: a longer one has a wrong sampling time.
+pub const DURATION_MAX_S: f64 = 600.0;
 /// How far the length of a quaternion may be from one before it is refused; within, it is
 /// normalised. Files are written with six decimals.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
@@ -142,8 +146,8 @@ pub fn read_folder(
 ///
 /// # Errors
 /// [`LearnerError`], naming file and key: missing, truncated, of another schema, numbers that are
-/// not finite, rows of unequal length, too few points, quaternions that are not unit, frames that
-/// are missing, a sampling time that is not positive.
+/// not finite or too large, rows of unequal length, too few points, quaternions that are not unit,
+/// frames that are missing, a sampling time that is not positive or too long.
 pub fn read(
     path: &Path,
     start_frame: &str,
@@ -173,10 +177,23 @@ pub fn read(
         let found = file.samples.len();
         return fail("samples", format!("expected at least {POINTS_MIN} points, found {found}"));
     }
+    let duration_s = (file.samples.len() - 1) as f64 * sampling_time_s;
+    if duration_s > DURATION_MAX_S {
+        let problem = format!(
+            "expected a time with which {} points last at most {DURATION_MAX_S} s, found \
+             {sampling_time_s}",
+            file.samples.len()
+        );
+        return fail("sampling_time_s", problem);
+    }
     let mut poses = Vec::with_capacity(file.samples.len());
     for (i, row) in file.samples.iter().enumerate() {
         let row = numbers(row, file.columns.len(), &format!("samples[{i}]"), path)?;
-        let position = DVec3::new(row[0], row[1], row.get(2).copied().unwrap_or(0.0));
+        let position = position(
+            &[row[0], row[1], row.get(2).copied().unwrap_or(0.0)],
+            &format!("samples[{i}]"),
+            path,
+        )?;
         let orientation = match row.get(3..7) {
             Some(q) => quaternion(q, &format!("samples[{i}]"), path)?,
             None => DQuat::IDENTITY,
@@ -248,6 +265,16 @@ fn numbers(
     row.iter().enumerate().map(finite).collect()
 }
 
+/// A position of three finite numbers.
+fn position(xyz: &[f64], key: &str, path: &Path) -> Result<DVec3, LearnerError> {
+    let position = DVec3::from_slice(xyz);
+    if position.abs().max_element() > POSITION_MAX_M {
+        let problem = format!("expected positions within {POSITION_MAX_M} m, found {position}");
+        return Err(LearnerError::key(path, key, problem));
+    }
+    Ok(position)
+}
+
 fn quaternion(wxyz: &[f64], key: &str, path: &Path) -> Result<DQuat, LearnerError> {
     let q = DQuat::from_xyzw(wxyz[1], wxyz[2], wxyz[3], wxyz[0]);
     if (q.length() - 1.0).abs() > QUATERNION_TOLERANCE {
@@ -271,21 +298,23 @@ pub(crate) fn frame(
         let problem = format!("expected this frame, found only [{}]", found.join(", "));
         return Err(LearnerError::key(path, key, problem));
     };
-    let position = numbers(&frame.position_m, 3, &format!("{key}.position_m"), path)?;
+    let position_key = format!("{key}.position_m");
+    let position =
+        position(&numbers(&frame.position_m, 3, &position_key, path)?, &position_key, path)?;
     let quaternion_key = format!("{key}.quaternion_wxyz");
     let wxyz = numbers(&frame.quaternion_wxyz, 4, &quaternion_key, path)?;
     let orientation = quaternion(&wxyz, &quaternion_key, path)?;
     if manifold == Manifold::R2 {
-        if position[2] != 0.0 {
-            let problem = format!("expected z = 0 for a planar skill, found {}", position[2]);
-            return Err(LearnerError::key(path, format!("{key}.position_m[2]"), problem));
+        if position.z != 0.0 {
+            let problem = format!("expected z = 0 for a planar skill, found {}", position.z);
+            return Err(LearnerError::key(path, format!("{position_key}[2]"), problem));
         }
         if orientation.x.hypot(orientation.y) > QUATERNION_TOLERANCE {
             let problem = "expected a rotation about z for a planar skill";
             return Err(LearnerError::key(path, quaternion_key, problem));
         }
     }
-    Ok(Pose { position: DVec3::new(position[0], position[1], position[2]), orientation })
+    Ok(Pose { position, orientation })
 }
 
 /// All frames but the start's and the goal's, as valid poses.

@@ -6,10 +6,13 @@ use serde::{Deserialize, Serialize};
 use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
 use tprmp_rmpflow::field::COMPONENT_CAPACITY;
 
+use crate::demonstration::DURATION_MAX_S;
 use crate::error::{LearnerError, read_text};
 
 /// Schema version this module reads.
 pub const SCHEMA: &str = "tprmp-skill/2";
+/// Most steps of a rollout of the certificate.
+const ROLLOUT_STEPS_MAX: f64 = 1e6;
 
 /// A skill to be learned. There are no defaults: what is missing is an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -382,6 +385,15 @@ impl Skill {
                 ("fit.goal_ring_points", f.goal_ring_points, 3, 100),
             ]),
             FitSettings::Thesis(t) => counts.push(("fit.stride", t.stride, 1, 1000)),
+        }
+        let c = &self.certification;
+        if !(c.horizon_s <= DURATION_MAX_S && c.horizon_s / c.step_s <= ROLLOUT_STEPS_MAX) {
+            let problem = format!(
+                "expected at most {DURATION_MAX_S} s, and {ROLLOUT_STEPS_MAX} steps of \
+                 `certification.step_s`, found {} s and steps of {} s",
+                c.horizon_s, c.step_s
+            );
+            return Err(("certification.horizon_s", problem));
         }
         for (key, count, least, most) in counts {
             if !(least..=most).contains(&count) {

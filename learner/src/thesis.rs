@@ -41,7 +41,6 @@ use crate::error::LearnerError;
 use crate::savitzky_golay::smooth;
 use crate::skill::{DampingTarget, Skill, ThesisSettings};
 use crate::tp_gmm::frames;
-use crate::train::blaming;
 
 /// A slower sample shows no direction: share of the demonstration's largest speed.
 const SPEED_SHARE_MIN: f64 = 0.02;
@@ -88,8 +87,7 @@ pub fn unfitted(settings: &ThesisSettings, components: usize) -> ThesisModel {
 /// Fits potential and damping to the learned mixture of each frame.
 ///
 /// # Errors
-/// [`LearnerError`]: the Gaussians of the frames cannot be multiplied, or a program is not solved,
-/// with the demonstrations that cause it.
+/// [`LearnerError`]: the Gaussians of the frames cannot be multiplied, or a program is not solved.
 pub fn fit(
     mixture: &[FrameMixture],
     skill: &Skill,
@@ -123,25 +121,11 @@ fn fit_in<const D: usize>(
             })
             .collect()
     };
-    let names: Vec<&str> = demonstrations.iter().map(|d| d.name.as_str()).collect();
-    let all = shown(&thesis)?;
-    let (potentials, potential_fit) =
-        blaming(fit_potential(&all.iter().collect::<Vec<_>>()), &names, |i| {
-            fit_potential(&without(&all, i)).is_ok()
-        })?;
+    let (potentials, potential_fit) = fit_potential(&shown(&thesis)?)?;
     thesis.potentials = potentials;
-    let all = shown(&thesis)?;
-    let (damping, damping_fit) =
-        blaming(fit_damping(&all.iter().collect::<Vec<_>>(), settings), &names, |i| {
-            fit_damping(&without(&all, i), settings).is_ok()
-        })?;
+    let (damping, damping_fit) = fit_damping(&shown(&thesis)?, settings)?;
     thesis.damping = damping;
     Ok((Policy::Thesis(thesis), vec![potential_fit, damping_fit]))
-}
-
-/// All but one.
-fn without<T>(all: &[T], left_out: usize) -> Vec<&T> {
-    all.iter().enumerate().filter(|(i, _)| *i != left_out).map(|(_, one)| one).collect()
 }
 
 /// The moving samples of a demonstration in the chart of the field with its frames.
@@ -199,7 +183,7 @@ fn shown<const D: usize>(
 /// # Panics
 /// When there is no demonstration.
 pub fn fit_potential<const D: usize>(
-    all: &[&Shown<D>],
+    all: &[Shown<D>],
 ) -> Result<(Vec<f64>, ProgramFit), LearnerError> {
     // Rows of ζ̂ + M⁻¹∇Φ as affine functions of φ⁰_1 … φ⁰_{K−1}.
     let free = all[0].field.components().len() - 1;
@@ -264,7 +248,7 @@ fn falls(k: usize, free: usize) -> Affine {
 /// # Panics
 /// When there is no demonstration.
 pub fn fit_damping<const D: usize>(
-    all: &[&Shown<D>],
+    all: &[Shown<D>],
     settings: &ThesisSettings,
 ) -> Result<(Vec<f64>, ProgramFit), LearnerError> {
     let components = all[0].field.components().len();

@@ -8,8 +8,8 @@ use nalgebra::{SMatrix, SVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model::{
-    Certificate, DemonstrationRollout, FieldModel, Fit, Policy, ProgramFit, Provenance, SkillModel,
-    Source,
+    Certificate, DemonstrationRollout, FieldModel, Fit, FrameMixture, Policy, ProgramFit,
+    Provenance, SkillModel, Source,
 };
 
 use crate::canonical::{CanonicalSet, canonicalise, mean_start};
@@ -129,24 +129,13 @@ pub fn learn(
 ) -> Result<Trained, LearnerError> {
     let mut clock = Clock { since: Instant::now(), times: Vec::new(), progress };
     let demonstrations = &with_start(skill, demonstrations);
-    let set = canonicalise(demonstrations, &skill.smoothing, &skill.scale)?;
-    clock.step("canonical coordinates");
-    let samples = Samples::new(skill, demonstrations, &set);
-    let mixture = samples.learn(skill, skill.mixture.components, seed)?;
-    clock.step("mixture");
-
-    let frames = mixture.stored_frames(skill, set.scales);
-    let (policy, programs) = match &skill.fit {
-        FitSettings::Canonical(settings) => {
-            let parts = CanonicalParts { skill, settings, mixture: &mixture, set: &set };
-            parts.fit(demonstrations, seed, &mut clock)?
-        }
-        FitSettings::Thesis(settings) => {
-            let fitted = thesis::fit(&frames, skill, settings, demonstrations, &set)?;
-            clock.step("potential and damping");
-            fitted
-        }
-    };
+    let names: Vec<&str> = demonstrations.iter().map(|d| d.name.as_str()).collect();
+    let fitted = Fitted::new(skill, demonstrations, seed, &mut |done| clock.step(done));
+    let Fitted { set, mixture, frames, policy, programs } = blaming(fitted, &names, |left_out| {
+        let mut others = demonstrations.clone();
+        others.remove(left_out);
+        Fitted::new(skill, &others, seed, &mut |_| {}).is_ok()
+    })?;
     let mut model = SkillModel {
         skill: skill.skill.clone(),
         manifold: skill.manifold,
@@ -194,6 +183,46 @@ pub fn learn(
     Ok(Trained { model, warnings, times: clock.times, samples, choice: None })
 }
 
+/// Demonstrations, their mixture, and the policy that is fitted to it.
+struct Fitted {
+    set: CanonicalSet,
+    mixture: TpGmm,
+    frames: Vec<FrameMixture>,
+    policy: Policy,
+    programs: Vec<ProgramFit>,
+}
+
+impl Fitted {
+    /// `done` is told the name of each step that is done.
+    fn new(
+        skill: &Skill,
+        demonstrations: &[Demonstration],
+        seed: u64,
+        done: &mut dyn FnMut(&'static str),
+    ) -> Result<Self, LearnerError> {
+        let set = canonicalise(demonstrations, &skill.smoothing, &skill.scale)?;
+        done("canonical coordinates");
+        let samples = Samples::new(skill, demonstrations, &set);
+        let mixture = samples.learn(skill, skill.mixture.components, seed)?;
+        done("mixture");
+        let frames = mixture.stored_frames(skill, set.scales);
+        let (policy, programs) = match &skill.fit {
+            FitSettings::Canonical(settings) => {
+                let parts = CanonicalParts { skill, settings, mixture: &mixture, set: &set };
+                let fitted = parts.fit(seed)?;
+                done("fields");
+                fitted
+            }
+            FitSettings::Thesis(settings) => {
+                let fitted = thesis::fit(&frames, skill, settings, demonstrations, &set)?;
+                done("potential and damping");
+                fitted
+            }
+        };
+        Ok(Self { set, mixture, frames, policy, programs })
+    }
+}
+
 /// Demonstrations whose start frame is fixed to the goal frame, for skills that have no other.
 pub(crate) fn with_start(skill: &Skill, demonstrations: &[Demonstration]) -> Vec<Demonstration> {
     let mut demonstrations = demonstrations.to_vec();
@@ -222,14 +251,8 @@ struct CanonicalParts<'a> {
 
 impl CanonicalParts<'_> {
     /// Fits the fields of position and orientation.
-    fn fit(
-        &self,
-        demonstrations: &[Demonstration],
-        seed: u64,
-        clock: &mut Clock,
-    ) -> Result<(Policy, Vec<ProgramFit>), LearnerError> {
+    fn fit(&self, seed: u64) -> Result<(Policy, Vec<ProgramFit>), LearnerError> {
         let manifold = self.skill.manifold;
-        let names: Vec<&str> = demonstrations.iter().map(|d| d.name.as_str()).collect();
         let shown = &self.set.demonstrations;
         // Each block has a stream of random numbers of its own, so that they can be fitted at once.
         let random = |stream| {
@@ -246,9 +269,9 @@ impl CanonicalParts<'_> {
                 first: 0,
             };
             if manifold.position_dimension() == 2 {
-                part.fit::<2>(self, &names, &mut random(0))
+                part.fit::<2>(self, &mut random(0))
             } else {
-                part.fit::<3>(self, &names, &mut random(0))
+                part.fit::<3>(self, &mut random(0))
             }
         };
         let orientation = || {
@@ -259,7 +282,7 @@ impl CanonicalParts<'_> {
                 goal: DVec3::ZERO,
                 first: manifold.position_dimension(),
             };
-            manifold.has_orientation().then(|| part.fit::<3>(self, &names, &mut random(3)))
+            manifold.has_orientation().then(|| part.fit::<3>(self, &mut random(3)))
         };
         let (position, orientation) = rayon::join(position, orientation);
         let (position, figures) = position?;
@@ -272,7 +295,6 @@ impl CanonicalParts<'_> {
                 Some(field)
             }
         };
-        clock.step("fields");
         Ok((Policy::Canonical { position, orientation }, programs))
     }
 }
@@ -292,7 +314,6 @@ impl BlockPart {
     fn fit<const D: usize>(
         &self,
         parts: &CanonicalParts,
-        names: &[&str],
         random: &mut ChaCha8Rng,
     ) -> Result<(FieldModel, ProgramFit), LearnerError> {
         let at = self.first;
@@ -317,13 +338,7 @@ impl BlockPart {
             .collect();
         let settings = parts.settings;
         let shape = shape(&means, &covariances, &normalised(&self.goal), settings);
-        let before = random.clone();
-        let fitted = fit(self.name, shape.clone(), &paths, settings, random);
-        let fitted = blaming(fitted, names, |left_out| {
-            let mut others = paths.clone();
-            others.remove(left_out);
-            fit(self.name, shape.clone(), &others, settings, &mut before.clone()).is_ok()
-        })?;
+        let fitted = fit(self.name, shape, &paths, settings, random)?;
         let (mut field, figures) = fitted.physical(self.scale);
         // Scaled there and back the goal may be a rounding error away.
         let goal = field.components.last_mut().expect("the goal has a component");
@@ -333,7 +348,7 @@ impl BlockPart {
 }
 
 /// Names the demonstrations without any one of which a program that failed is solved.
-pub(crate) fn blaming<T>(
+fn blaming<T>(
     fitted: Result<T, LearnerError>,
     names: &[&str],
     is_solved_without: impl Fn(usize) -> bool,

@@ -66,6 +66,16 @@ fn numbers_that_are_not_finite_are_named() {
 }
 
 #[test]
+fn numbers_beyond_all_reason_are_named() {
+    refused(&with_sample(Manifold::R2, "[0.1, -1e160]"), &["samples[3]", "within 1000000 m"]);
+    let far = text(Manifold::R3S3).replacen("\"position_m\": [0.600000", "\"position_m\": [6e9", 1);
+    refused(&far, &["frames.end.position_m", "within 1000000 m"]);
+    let slow =
+        text(Manifold::R2).replacen("\"sampling_time_s\": 0.02", "\"sampling_time_s\": 1e9", 1);
+    refused(&slow, &["sampling_time_s", "140 points last at most 600 s", "1000000000"]);
+}
+
+#[test]
 fn rows_of_another_length_are_named() {
     refused(&with_sample(Manifold::R2, "[0.1]"), &["samples[3]", "expected 2 numbers, found 1"]);
     refused(&with_sample(Manifold::R3S3, "[0.1, 0.2, 0.3]"), &["samples[3]", "7 numbers"]);
@@ -200,6 +210,11 @@ fn wrong_skill_files_are_refused_by_key_and_place() {
     assert!(negative.contains("fit.damping_1_s") && negative.contains("-8"), "{negative}");
     let many = say(good.replace("components: 9", "components: 900"));
     assert!(many.contains("mixture.components") && many.contains("900"), "{many}");
+    for (key, value) in [("horizon_s: 20.0", "horizon_s: 1e9"), ("step_s: 0.01", "step_s: 1e-9")] {
+        let endless = say(good.replace(key, value));
+        assert!(endless.contains("certification.horizon_s"), "{endless}");
+        assert!(endless.contains("at most 600 s, and 1000000 steps"), "{endless}");
+    }
     let twice = say(good.replace("other_frames: []", "other_frames: [\"end\"]"));
     assert!(twice.contains("other_frames") && twice.contains("`end`"), "{twice}");
     let model = say(good.replace("TimeDrivenGmm,", "Hmm,"));

@@ -182,7 +182,7 @@ fn the_field_agrees_with_eq_4_5_to_4_14() {
 fn the_potentials_agree_with_eq_4_15_and_4_16() {
     let oracle = Oracle::read();
     let shown = oracle.shown(&vec![0.0; oracle.potentials.len()]);
-    let (potentials, figures) = fit_potential(&shown.iter().collect::<Vec<_>>()).unwrap();
+    let (potentials, figures) = fit_potential(&shown).unwrap();
     assert_eq!(figures.status, "Solved");
     assert!((figures.residual / oracle.potential_objective - 1.0).abs() < 1e-7);
     assert!((figures.objective / oracle.potential_objective - 1.0).abs() < 1e-7);
@@ -199,8 +199,8 @@ fn the_damping_agrees_with_eq_4_17_to_4_21() {
     assert_eq!(oracle.damping.len(), 3);
     let shown = oracle.shown(&oracle.potentials);
     for expected in &oracle.damping {
-        let some: Vec<_> = shown.iter().take(expected.demonstrations).collect();
-        let (damping, figures) = fit_damping(&some, &oracle.settings(expected.target)).unwrap();
+        let some = &shown[..expected.demonstrations];
+        let (damping, figures) = fit_damping(some, &oracle.settings(expected.target)).unwrap();
         assert_eq!(figures.status, "Solved");
         assert!((figures.residual - expected.objective).abs() < 1e-6, "{}", figures.residual);
         assert_near(&damping, &expected.damping, 1e-3);

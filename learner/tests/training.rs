@@ -223,6 +223,21 @@ fn demonstrations_that_cannot_be_learned_from_are_named() {
     assert!(message(&short).contains("mixture.components"));
 }
 
+#[test]
+fn the_demonstration_with_which_a_program_cannot_be_solved_is_named() {
+    for (template, sampling_time_s) in [("planar.ron", 1e-9), ("planar_thesis.ron", 1e-200)] {
+        let mut shown = arcs(Manifold::R2);
+        shown[1].sampling_time_s = sampling_time_s;
+        let message = learned(template, &shown).unwrap_err().to_string();
+        assert!(message.contains("`made_up_02.json` causes it"), "{message}");
+    }
+    // It is left out of the mixture too, which it spoils for the others.
+    let mut shown = arcs(Manifold::R2);
+    shown[1].poses[70].position = DVec3::new(5e5, -5e5, 0.0);
+    let message = learned("planar_thesis.ron", &shown).unwrap_err().to_string();
+    assert!(message.contains("`made_up_02.json` causes it"), "{message}");
+}
+
 fn learner(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_learner")).args(arguments).output().unwrap()
 }

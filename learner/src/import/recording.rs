@@ -8,13 +8,11 @@ use tprmp_model::skill_model::Manifold;
 use tprmp_rmpflow::frame_map::Pose;
 
 use super::{Interpolation, Selection, input};
-use crate::demonstration::{Demonstration, POINTS_MIN};
+use crate::demonstration::{DURATION_MAX_S, Demonstration, POINTS_MIN, POSITION_MAX_M};
 use crate::error::LearnerError;
 
 /// Most samples of a demonstration.
 const SAMPLES_MAX: f64 = 100_000.0;
-/// Positions farther away are refused [m]; so nothing below overflows.
-const POSITION_MAX_M: f64 = 1e6;
 /// Times farther away are refused [s].
 const TIME_MAX_S: f64 = 1e12;
 /// Share of the sampling time by which a sample may be early or late and still count as even.
@@ -67,6 +65,12 @@ impl Recording {
         }
         let last = self.poses.len() - 1;
         let duration_s = self.times_s[last] - self.times_s[0];
+        if duration_s > DURATION_MAX_S {
+            let problem = format!(
+                "expected at most {DURATION_MAX_S} s, found {duration_s} s: are its times in seconds?"
+            );
+            return fail(&self.place, problem);
+        }
         let even_s = duration_s / last as f64;
         // Who says how the samples were recorded has decided between times and velocities.
         if selection.recorded_at_s.is_none()
@@ -322,6 +326,11 @@ mod tests {
         let mut back = uneven();
         back.times_s.swap(3, 4);
         assert!(finish(back, &tiny).unwrap_err().contains("times that grow"));
+        let mut milliseconds = uneven();
+        milliseconds.times_s.iter_mut().for_each(|t| *t *= 1e3);
+        let even = Selection { sampling_time_s: Some(20.0), ..Selection::default() };
+        let message = finish(milliseconds, &even).unwrap_err();
+        assert!(message.contains("at most 600 s") && message.contains("in seconds"), "{message}");
     }
 
     #[test]

@@ -18,6 +18,7 @@ use tprmp_rmpflow::frame_map::Pose;
 
 use super::intake::{Frames, NO_FRAMES, Sight};
 use super::take::{Sample, Shown, Take, Task};
+use crate::demonstration::DURATION_MAX_S;
 use crate::plausibility::angle;
 
 /// Speeds are means over this time [ns].
@@ -35,7 +36,7 @@ const FRAME_MOVED_M: f64 = 0.005;
 /// … or turned farther than this [rad].
 const FRAME_MOVED_RAD: f64 = 0.05;
 /// Longer motions are given up [ns].
-const DURATION_MAX_NS: u64 = 600_000_000_000;
+const DURATION_MAX_NS: u64 = (DURATION_MAX_S * 1e9) as u64;
 
 /// What has come of a sample.
 #[derive(Debug)]
