@@ -9,6 +9,7 @@ mod canvas;
 mod colour;
 mod field;
 mod figures;
+mod forces;
 mod projection;
 mod scene;
 mod svg;
@@ -230,6 +231,13 @@ fn pictures(skill: &Skill, shown: &[Demonstration]) -> Vec<Picture> {
             "The force at rest for an inertia of 1 kg at the goal, before the metric warps it{in_slice}."
         ),
     );
+    if let Some(forces) = at_home.forces() {
+        let caption = "Coloured by phase: where one component weighs more than all others. Arrows at the \
+                       means and at the goal: what each component adds to −∇Φ at the dot, attraction to \
+                       its own minimum and the nominal force along the order of the components; at the \
+                       dot their sums, the background's part included.";
+        add("forces", home.forces(&forces), caption.into());
+    }
     if let Some(figure) = orientation(&at_home, &home, &paths, shown) {
         let caption = "Components of the rotation vector r at the goal, q = q_goal exp(r), over the \
                        phase: demonstrations from their first to their last motion, rollouts from \

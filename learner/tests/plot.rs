@@ -88,7 +88,7 @@ const FIELDS: [&str; 6] = [
 #[test]
 fn pictures_of_a_planar_skill() {
     let pictures = drawn("plane", Manifold::R2, &skill_of(Manifold::R2));
-    assert_eq!(pictures.len(), 13);
+    assert_eq!(pictures.len(), 14);
     // Three paths; the two axes of two frames of each.
     assert_eq!(pictures["demonstrations.svg"]["polyline"], 3 + 12);
     for name in ["gaussians.svg", "seen-from-frame-1.svg", "seen-from-frame-2.svg"] {
@@ -102,6 +102,10 @@ fn pictures_of_a_planar_skill() {
     for name in ["natural-gradient.svg", "gradient.svg"] {
         assert!(pictures[name]["path"] > 100, "{name} has no arrows");
     }
+    // The sum at the point, two forces of the nearest components, and where they weigh most.
+    let forces = &pictures["forces.svg"];
+    assert_eq!((forces["ellipse"], forces[".goal"]), (5, 2));
+    assert!(forces["path"] > 8, "{forces:?}");
     assert!(!pictures.contains_key("orientation.svg"));
 }
 
@@ -129,7 +133,7 @@ fn pictures_of_positions_in_space() {
 #[test]
 fn pictures_of_products_of_gaussians() {
     let pictures = drawn("products", Manifold::R2, &skill_text("planar_thesis.ron"));
-    assert_eq!(pictures.len(), 13);
+    assert_eq!(pictures.len(), 14);
     for name in FIELDS {
         assert_eq!((pictures[name]["ellipse"], pictures[name][".goal"]), (5, 2), "{name}");
     }
@@ -142,7 +146,7 @@ fn pictures_of_a_skill_with_one_frame_and_one_beside_it() {
         .replace("other_frames: []", "other_frames: [\"start\"]");
     let pictures = drawn("single", Manifold::R2, &text);
     // There is no start frame to move.
-    assert_eq!(pictures.len(), 11);
+    assert_eq!(pictures.len(), 12);
     assert_eq!(pictures["demonstrations.svg"]["polyline"], 3 + 12);
     assert_eq!(pictures["potential.svg"][".goal"], 2);
 }

@@ -49,6 +49,11 @@ pub(crate) fn of_phase(phase: f64) -> String {
     viridis(0.88 * phase.clamp(0.0, 1.0), 0.0)
 }
 
+/// The colour of a phase for areas, on which lines stand out.
+pub(crate) fn pale_of_phase(phase: f64) -> String {
+    viridis(0.88 * phase.clamp(0.0, 1.0), 0.55)
+}
+
 /// Bands of values and their colours: the larger, the darker.
 #[derive(Debug, Clone)]
 pub(crate) struct Scale {

@@ -51,22 +51,32 @@ impl Grid {
         let all = [low, DVec2::new(high.x, low.y), high, DVec2::new(low.x, high.y)];
         panel.area([all.as_slice()], &scale.colour(0), "none");
         let inner = &scale.levels()[1..scale.bands()];
+        for (band, rings) in self.above(inner).iter().enumerate() {
+            panel.area(rings.iter().map(Vec::as_slice), &scale.colour(band + 1), EDGE);
+        }
+    }
+
+    /// Draws where it is above a level.
+    pub(crate) fn draw_above(&self, panel: &mut Panel, level: f64, colour: &str) {
+        for rings in self.above(&[level]) {
+            panel.area(rings.iter().map(Vec::as_slice), colour, EDGE);
+        }
+    }
+
+    /// The rings around what is above each level.
+    fn above(&self, levels: &[f64]) -> Vec<Vec<Vec<DVec2>>> {
         let lines = ContourBuilder::new(self.count[0], self.count[1], true)
             .x_origin(self.low.x)
             .y_origin(self.low.y)
             .x_step(self.cell.x)
             .y_step(self.cell.y)
-            .lines(&self.values, inner)
+            .lines(&self.values, levels)
             .expect("there is a value for each cell");
-        for (band, line) in lines.iter().enumerate() {
-            let rings: Vec<Vec<DVec2>> = line
-                .geometry()
-                .0
-                .iter()
-                .map(|ring| ring.0.iter().map(|p| DVec2::new(p.x, p.y)).collect())
-                .collect();
-            panel.area(rings.iter().map(Vec::as_slice), &scale.colour(band + 1), EDGE);
-        }
+        let rings = lines.iter().map(|line| {
+            let rings = line.geometry().0.iter();
+            rings.map(|ring| ring.0.iter().map(|p| DVec2::new(p.x, p.y)).collect()).collect()
+        });
+        rings.collect()
     }
 }
 

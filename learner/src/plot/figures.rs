@@ -6,8 +6,9 @@ use tprmp_rmpflow::frame_map::{Canonical, Pose};
 use tprmp_rmpflow::rotation::rotation_vector;
 
 use super::canvas::Canvas;
-use super::colour::{BLACK, BLUE, GREY, RED, Scale, of_phase};
+use super::colour::{BLACK, BLUE, GREY, RED, Scale, of_phase, pale_of_phase};
 use super::field::{Arrows, Grid, lattice};
+use super::forces::{Forces, Share};
 use super::projection::{Ellipsoid, View};
 use super::scene::{SAMPLE_S, Sample, Scene};
 use super::svg::{Figure, INK, Panel, Sign, Stroke, principal_axes};
@@ -22,6 +23,13 @@ const MARGIN: f64 = 0.1;
 const FIELD_MARGIN: f64 = 0.18;
 /// Distance of the lattice of starts [px].
 const STARTS_PX: [f64; 2] = [105.0, 75.0];
+/// A component weighs more than all others together.
+const MOST: f64 = 0.5;
+/// Lengths of the shortest force that is drawn and of the longest [px].
+const FORCE_PX: [f64; 2] = [4.0, 70.0];
+/// How far from its path the point lies at which forces are drawn, in shares of the way from start to
+/// end.
+const ASIDE: f64 = 0.08;
 const DEMONSTRATION: Stroke = Stroke { colour: GREY, width: 1.3, dashes: "", rim: false };
 const DEMONSTRATION_ON_FIELD: Stroke =
     Stroke { colour: BLACK, width: 1.2, dashes: "5 4", rim: false };
@@ -234,6 +242,63 @@ impl<'a> Shown<'a> {
         self.canvas.figure(title.into(), &legend, panels, Some(scale))
     }
 
+    /// Where each component weighs most, and its part in the force at a point beside the first
+    /// demonstration  [thesis fig. 4.3b]; for planar skills.
+    pub(crate) fn forces(&self, forces: &Forces) -> Figure {
+        let mut panels = self.canvas.panels(None);
+        let panel = &mut panels[0];
+        let view = self.canvas.views[0];
+        let phases: Vec<f64> = self.scene.gaussians.iter().map(|g| g.phase).collect();
+        for (k, phase) in phases.iter().chain([&1.0]).enumerate() {
+            let weight = |p| forces.weights(p).get(k).copied().unwrap_or(0.0);
+            Grid::new(panel, weight).draw_above(panel, MOST, &pale_of_phase(*phase));
+        }
+        for g in &self.scene.gaussians {
+            let (mean, seen) = (view.point(g.mean), view.covariance(g.covariance));
+            panel.ellipse(mean, seen, DEVIATIONS, "#3c4650", 0.0);
+        }
+        self.paths(panel, view, &[]);
+        let state = beside(&self.scene.demonstrations[0]);
+        let shares = forces.shares(state);
+        let sum = |part: fn(&Share) -> DVec2| shares.iter().map(part).sum::<DVec2>();
+        let (attraction, nominal) = (sum(|s| s.attraction), sum(|s| s.nominal));
+        let at_state = [(attraction, BLUE), (nominal, RED), (attraction + nominal, BLACK)];
+        let all = shares.iter().flat_map(|s| [s.attraction, s.nominal]);
+        let largest = all.chain(at_state.map(|(force, _)| force)).map(DVec2::length);
+        let pixels = FORCE_PX[1] / largest.fold(f64::MIN_POSITIVE, f64::max);
+        let mut arrow = |from: DVec2, force: DVec2, colour: &str| {
+            let vector = force * pixels;
+            if vector.length() > FORCE_PX[0] {
+                panel.arrow(from + vector * 0.5 / panel.scale(), vector, colour);
+            }
+        };
+        for share in &shares {
+            if let Some(mean) = share.mean {
+                arrow(mean, share.attraction, BLUE);
+                arrow(mean, share.nominal, RED);
+            }
+        }
+        for (force, colour) in at_state {
+            arrow(state, force, colour);
+        }
+        panel.dot(state, 4.0, BLACK);
+        let line = |colour| Stroke { colour, width: 1.5, dashes: "", rim: false };
+        let legend = [
+            ("attraction −w∇φ", Sign::Line(line(BLUE))),
+            ("nominal −φ∇w", Sign::Line(line(RED))),
+            ("sum, at the point", Sign::Line(line(BLACK))),
+            ("demonstration", Sign::Line(DEMONSTRATION_ON_FIELD)),
+            ("Gaussian, 2σ", Sign::Ellipse("#3c4650")),
+            ("goal", Sign::Star),
+        ];
+        self.canvas.figure(
+            "Forces of the components".into(),
+            &legend,
+            panels,
+            Some(Scale::phases()),
+        )
+    }
+
     /// What `make` makes of each view that is a slice.
     fn slices<T>(
         &self,
@@ -264,6 +329,13 @@ impl<'a> Shown<'a> {
         }
         panel.star(view.point(self.scene.goal.position));
     }
+}
+
+/// A point beside the middle of a planar path.
+fn beside(path: &[Pose]) -> DVec2 {
+    let at = |share: f64| path[((path.len() - 1) as f64 * share) as usize].position.truncate();
+    let along = (at(0.55) - at(0.45)).normalize_or(DVec2::X);
+    at(0.5) + along.perp() * (ASIDE * (at(1.0) - at(0.0)).length())
 }
 
 /// Points of the ellipse of a Gaussian as it is seen.

@@ -8,6 +8,7 @@ use tprmp_rmpflow::gaussian_field::{GaussianComponent, GaussianField};
 use tprmp_rmpflow::policy::{self, PolicyState};
 use tprmp_rmpflow::product_skill::{ProductSkill, ProductState};
 
+use super::forces::Forces;
 use super::projection::Ellipsoid;
 use crate::policy::{Learned, Situation};
 use crate::rollout::{Course, acceleration, follow};
@@ -147,6 +148,11 @@ impl<'a> Scene<'a> {
             skill,
             frames,
         }
+    }
+
+    /// The components of the field of a planar skill.
+    pub(crate) fn forces(&self) -> Option<Forces> {
+        Forces::new(self.skill.model, self.skill.policy.policy(), &self.frames)
     }
 
     /// Evaluates the position part at points, the tool turned as at the goal.

@@ -1,0 +1,218 @@
+//! What each component of a planar skill contributes to the force at a point  [thesis fig. 4.3b].
+//!
+//! −∇Φ = Σ_k (−w_k ∇φ_k) + Σ_k (−φ_k ∇w_k): attraction to the means of the nearest Gaussians, and the
+//! nominal force along the order of the Gaussians  [thesis eq. 4.12–4.14].
+
+use glam::DVec2;
+use nalgebra::Vector2;
+use tprmp_model::skill_model::{Policy, SkillModel};
+use tprmp_rmpflow::field::{Background, Field};
+use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::gaussian_field::GaussianField;
+use tprmp_rmpflow::policy;
+use tprmp_rmpflow::product_skill::ProductState;
+
+/// A component's part in the force at a point. Forces are in proportion to each other.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Share {
+    /// μ [m]; `None` for the background, which has none.
+    pub mean: Option<DVec2>,
+    /// −w ∇φ.
+    pub attraction: DVec2,
+    /// −φ ∇w.
+    pub nominal: DVec2,
+}
+
+/// The components of a planar skill's field in the robot's base frame.
+pub(crate) enum Forces {
+    /// Those of the canonical field, the goal's and the background's last.
+    Canonical(Box<Field<2>>, Background),
+    /// The products of what the frames see, and δ.
+    Product(Box<GaussianField<2>>, f64),
+}
+
+/// A component at a point.
+struct Term {
+    mean: Option<Vector2<f64>>,
+    /// In proportion to its weight.
+    activation: f64,
+    /// Λ v.
+    pull: Vector2<f64>,
+    /// φ.
+    potential: f64,
+    /// ∇φ.
+    slope: Vector2<f64>,
+}
+
+impl Forces {
+    /// The components with these frames; those of a canonical policy have to be at their canonical
+    /// poses. `None` when the skill is not planar, or there is no product of the Gaussians.
+    pub(crate) fn new(
+        model: &SkillModel,
+        policy: &policy::Policy,
+        frames: &[Pose],
+    ) -> Option<Self> {
+        match (&model.policy, policy) {
+            (Policy::Canonical { position, .. }, _) if model.manifold.position_dimension() == 2 => {
+                Some(Self::Canonical(Box::new(position.field::<2>()), position.background.into()))
+            }
+            (Policy::Thesis(thesis), policy::Policy::Plane(product)) => {
+                let frames: Vec<_> = frames.iter().copied().map(FrameMotion::at_rest).collect();
+                let mut state = ProductState::new();
+                product.update(&frames, &mut state);
+                Some(Self::Product(Box::new(state.field()?.clone()), thesis.huber_threshold))
+            }
+            _ => None,
+        }
+    }
+
+    /// w_k of each component.
+    pub(crate) fn weights(&self, point: DVec2) -> Vec<f64> {
+        let y = Vector2::new(point.x, point.y);
+        match self {
+            Self::Canonical(..) => {
+                let activations: Vec<f64> = self.terms(&y).iter().map(|t| t.activation).collect();
+                let sum: f64 = activations.iter().sum();
+                activations.iter().map(|a| a / sum).collect()
+            }
+            Self::Product(field, _) => field.weights(&y)[..field.components().len()].to_vec(),
+        }
+    }
+
+    /// The shares of all components in the force at a point.
+    pub(crate) fn shares(&self, point: DVec2) -> Vec<Share> {
+        let terms = self.terms(&Vector2::new(point.x, point.y));
+        let sum: f64 = terms.iter().map(|t| t.activation).sum();
+        let mean_pull: Vector2<f64> = terms.iter().map(|t| t.pull * (t.activation / sum)).sum();
+        let plain = |v: Vector2<f64>| DVec2::new(v.x, v.y);
+        let share = |t: &Term| {
+            let weight = t.activation / sum;
+            Share {
+                mean: t.mean.map(plain),
+                attraction: plain(t.slope * -weight),
+                // ∇w = w (p̄ − Λ v)
+                nominal: plain((mean_pull - t.pull) * (-t.potential * weight)),
+            }
+        };
+        terms.iter().map(share).collect()
+    }
+
+    fn terms(&self, y: &Vector2<f64>) -> Vec<Term> {
+        match self {
+            Self::Canonical(field, background) => {
+                let mut terms: Vec<Term> = field
+                    .components()
+                    .iter()
+                    .map(|component| {
+                        let offset = y - component.mean;
+                        let pull = component.precision * offset;
+                        let bend = component.hessian * offset;
+                        Term {
+                            mean: Some(component.mean),
+                            activation: (-0.5 * offset.dot(&pull)).exp(),
+                            pull,
+                            potential: component.potential
+                                + component.gradient.dot(&offset)
+                                + 0.5 * bend.dot(&offset),
+                            slope: component.gradient + bend,
+                        }
+                    })
+                    .collect();
+                let away = y - field.goal();
+                let root = away.norm().hypot(background.softening);
+                terms.push(Term {
+                    mean: None,
+                    activation: background.exponent.exp(),
+                    pull: Vector2::zeros(),
+                    potential: background.offset + background.slope * (root - background.softening),
+                    slope: away * (background.slope / root),
+                });
+                terms
+            }
+            Self::Product(field, huber_threshold) => {
+                let weights = field.weights(y);
+                let term = |(component, activation)| {
+                    // The potential of a component is that of a field which has no other.
+                    let alone = GaussianField::new(
+                        std::slice::from_ref(component),
+                        field.metric_scale(),
+                        *huber_threshold,
+                    );
+                    let alone =
+                        alone.expect("a component of a field").evaluate(y, &Vector2::zeros());
+                    Term {
+                        mean: Some(component.mean),
+                        activation,
+                        pull: component.precision * (y - component.mean),
+                        potential: alone.potential,
+                        slope: alone.gradient,
+                    }
+                };
+                field.components().iter().zip(weights).map(term).collect()
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::policy::Learned;
+    use glam::DVec3;
+    use nalgebra::Matrix2;
+    use std::path::Path;
+    use tprmp_model::skill_model;
+    use tprmp_rmpflow::gaussian_field::GaussianComponent;
+
+    /// The shares at a point add up to the force, the weights to one.
+    #[track_caller]
+    fn adds_up(forces: &Forces, point: DVec2, force: DVec2) {
+        let shares = forces.shares(point);
+        let sum: DVec2 = shares.iter().map(|s| s.attraction + s.nominal).sum();
+        assert!((sum - force).length() < 1e-9 * (1.0 + force.length()), "{sum} {force}");
+        let weights = forces.weights(point);
+        assert_eq!(weights.len(), shares.len());
+        assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    }
+
+    fn points() -> impl Iterator<Item = DVec2> {
+        (0..20).map(|i| DVec2::new(0.035 * f64::from(i), 0.2 * (0.4 * f64::from(i)).sin()))
+    }
+
+    #[test]
+    fn shares_add_up_to_the_force_of_a_canonical_policy() {
+        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/canonical_plane.ron");
+        let model = skill_model::read(&golden).unwrap();
+        let learned = Learned::new(&model).unwrap();
+        let frames: [Pose; 2] = [model.canonical.start.into(), model.canonical.goal_frame.into()];
+        let forces = Forces::new(&model, learned.policy(), &frames).unwrap();
+        let mut situation = learned.situation(&frames);
+        for point in points() {
+            let pose = Pose { position: point.extend(0.0), ..Pose::IDENTITY };
+            let force = situation.evaluate(&pose, DVec3::ZERO, DVec3::ZERO).natural.force;
+            adds_up(&forces, point, DVec2::new(force[0], force[1]));
+        }
+    }
+
+    #[test]
+    fn shares_add_up_to_the_force_of_products() {
+        let component = |i: usize| {
+            let s = i as f64;
+            GaussianComponent {
+                mean: Vector2::new(0.2 * s, 0.1 * (s - 1.0).powi(2)),
+                precision: Matrix2::new(60.0 + s, 5.0 * s, 5.0 * s, 40.0),
+                potential: 3.0 - s,
+                damping: 1.0,
+            }
+        };
+        let threshold = 1.3;
+        let components: Vec<_> = (0..4).map(component).collect();
+        let field = GaussianField::new(&components, 0.25, threshold).unwrap();
+        let forces = Forces::Product(Box::new(field.clone()), threshold);
+        for point in points() {
+            let y = Vector2::new(point.x, point.y);
+            let gradient = field.evaluate(&y, &Vector2::zeros()).gradient;
+            adds_up(&forces, point, -DVec2::new(gradient.x, gradient.y));
+        }
+    }
+}
