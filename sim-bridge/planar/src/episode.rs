@@ -138,7 +138,7 @@ impl Episode {
     ) -> Result<Self, SimError> {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
         let mut draw = |range: &Range| range.draw(&mut generator);
-        let stroke = Stroke::new(&scene.record);
+        let stroke = Stroke::lying_s(&scene.record);
         let settings = &scene.push;
         let push = Push {
             force_n: (draw(&settings.force_n) * DVec2::from_angle(draw(&settings.direction_rad)))

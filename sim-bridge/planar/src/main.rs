@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 mod clock;
+mod drawing;
 mod episode;
 mod error;
 mod log;
@@ -15,6 +16,7 @@ mod report;
 mod run;
 mod scene;
 mod shape;
+mod spline;
 mod svg;
 mod world;
 
@@ -92,6 +94,21 @@ enum Command {
         #[arg(long, default_value = "config/scenes/planar.json")]
         scene: PathBuf,
     },
+    /// Write the scripted expert's demonstrations of drawings: way points in a file, one skill each.
+    ///
+    /// A folder a skill. To add a drawing, add its name and way points to the file; the others'
+    /// demonstrations stay as they are.
+    Draw {
+        /// Drawings file.
+        #[arg(long, default_value = "config/drawings.json")]
+        drawings: PathBuf,
+        /// Folder for the skills' folders.
+        #[arg(long)]
+        out: PathBuf,
+        /// What the expert varies; the same seed gives the same files.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+    },
 }
 
 fn main() -> ExitCode {
@@ -118,6 +135,10 @@ fn execute(command: Command) -> Result<ExitCode, SimError> {
         }
         Command::Record { out, seed, scene } => {
             record::record(&Scene::read(&scene)?, seed, &out)?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Draw { drawings, out, seed } => {
+            drawing::draw(&drawings, seed, &out)?;
             Ok(ExitCode::SUCCESS)
         }
     }

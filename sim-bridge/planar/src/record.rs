@@ -30,45 +30,102 @@ pub(crate) struct Demonstration {
     pub(crate) points: Vec<DVec2>,
 }
 
+/// What the expert varies.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Variation {
+    /// Demonstrations.
+    pub(crate) count: u32,
+    pub(crate) duration_s: Range,
+    pub(crate) sampling_time_s: f64,
+    /// Of either frame, to either side, in x and y.
+    pub(crate) position_variation_m: f64,
+    /// Of either frame, to either side.
+    pub(crate) angle_variation_rad: f64,
+    /// Of the stroke between its ends, to either side.
+    pub(crate) shape_variation_m: f64,
+}
+
+/// What a demonstration file says beside the motion.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Labels<'a> {
+    pub(crate) skill: &'a str,
+    pub(crate) start_frame: &'a str,
+    pub(crate) goal_frame: &'a str,
+    pub(crate) sampling_time_s: f64,
+}
+
 /// Records the demonstrations of a scene into a folder.
 pub(crate) fn record(scene: &Scene, seed: u64, out: &Path) -> Result<(), SimError> {
-    let demonstrations = demonstrate(scene, seed);
+    write_all(&of_scene(scene, seed), &labels(scene), out)
+}
+
+/// Writes demonstrations into a folder: 01.json, 02.json, …
+pub(crate) fn write_all(
+    demonstrations: &[Demonstration],
+    labels: &Labels,
+    out: &Path,
+) -> Result<(), SimError> {
     for (i, demonstration) in demonstrations.iter().enumerate() {
         let path = out.join(format!("{:02}.json", i + 1));
-        write(&path, to_text(demonstration, scene))?;
+        write(&path, to_text(demonstration, labels))?;
         println!(
             "{}: {} samples, {:.2} s",
             path.display(),
             demonstration.points.len(),
-            (demonstration.points.len() - 1) as f64 * scene.record.sampling_time_s
+            (demonstration.points.len() - 1) as f64 * labels.sampling_time_s
         );
     }
     Ok(())
 }
 
-/// What the expert shows with this seed.
-fn demonstrate(scene: &Scene, seed: u64) -> Vec<Demonstration> {
+fn labels(scene: &Scene) -> Labels<'_> {
+    Labels {
+        skill: &scene.task.skill,
+        start_frame: &scene.task.start_frame,
+        goal_frame: &scene.task.goal_frame,
+        sampling_time_s: scene.record.sampling_time_s,
+    }
+}
+
+/// What the expert shows of a scene's stroke with this seed.
+fn of_scene(scene: &Scene, seed: u64) -> Vec<Demonstration> {
     let settings = &scene.record;
-    let stroke = Stroke::new(settings);
+    let variation = Variation {
+        count: settings.count,
+        duration_s: settings.duration_s,
+        sampling_time_s: settings.sampling_time_s,
+        position_variation_m: settings.position_variation_m,
+        angle_variation_rad: settings.angle_variation_rad,
+        shape_variation_m: settings.shape_variation_m,
+    };
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    demonstrate(&Stroke::lying_s(settings), &variation, &mut generator, minimum_jerk)
+}
+
+/// Shows a stroke between frames that differ from time to time; `pace` is the share of its length
+/// at a share of the duration.
+pub(crate) fn demonstrate(
+    stroke: &Stroke,
+    settings: &Variation,
+    generator: &mut ChaCha8Rng,
+    pace: impl Fn(f64) -> f64,
+) -> Vec<Demonstration> {
     let shift = Range::around_zero(settings.position_variation_m);
     let turn = Range::around_zero(settings.angle_variation_rad);
     let wave = Range::around_zero(settings.shape_variation_m / VARIATION_WAVES as f64);
     (0..settings.count)
         .map(|_| {
             let mut frame = |position: DVec2| PlanarPose {
-                position_m: position
-                    + DVec2::new(shift.draw(&mut generator), shift.draw(&mut generator)),
-                angle_rad: turn.draw(&mut generator),
+                position_m: position + DVec2::new(shift.draw(generator), shift.draw(generator)),
+                angle_rad: turn.draw(generator),
             };
             let (start, goal) = (frame(stroke.start()), frame(stroke.end()));
-            let waves: [DVec2; VARIATION_WAVES] = std::array::from_fn(|_| {
-                DVec2::new(wave.draw(&mut generator), wave.draw(&mut generator))
-            });
-            let steps = settings.duration_s.draw(&mut generator) / settings.sampling_time_s;
+            let waves: [DVec2; VARIATION_WAVES] =
+                std::array::from_fn(|_| DVec2::new(wave.draw(generator), wave.draw(generator)));
+            let steps = settings.duration_s.draw(generator) / settings.sampling_time_s;
             let steps = steps.round() as usize;
             let point = |i: usize| {
-                let share = minimum_jerk(i as f64 / steps as f64);
+                let share = pace(i as f64 / steps as f64);
                 stroke.between(&start, &goal, share) + variation(&waves, share)
             };
             Demonstration { start, goal, points: (0..=steps).map(point).collect() }
@@ -83,8 +140,7 @@ fn variation(waves: &[DVec2; VARIATION_WAVES], share: f64) -> DVec2 {
     envelope * waves.iter().enumerate().map(wave).sum::<DVec2>()
 }
 
-fn to_text(demonstration: &Demonstration, scene: &Scene) -> String {
-    let task = &scene.task;
+fn to_text(demonstration: &Demonstration, labels: &Labels) -> String {
     let frame = |pose: &PlanarPose| {
         let (p, q) = (pose.position_m, pose.quaternion_wxyz());
         format!(
@@ -98,11 +154,11 @@ fn to_text(demonstration: &Demonstration, scene: &Scene) -> String {
         "{{\n\"schema\": \"{SCHEMA}\",\n\"skill\": {},\n\"manifold\": \"R2\",\n\
          \"sampling_time_s\": {},\n\"frames\": {{\n{}: {},\n{}: {}\n}},\n\
          \"columns\": [\"x_m\", \"y_m\"],\n\"samples\": [\n",
-        quoted(&task.skill),
-        scene.record.sampling_time_s,
-        quoted(&task.start_frame),
+        quoted(labels.skill),
+        labels.sampling_time_s,
+        quoted(labels.start_frame),
         frame(&demonstration.start),
-        quoted(&task.goal_frame),
+        quoted(labels.goal_frame),
         frame(&demonstration.goal),
     );
     for (i, p) in demonstration.points.iter().enumerate() {
@@ -164,7 +220,7 @@ mod tests {
     #[test]
     fn demonstrations_join_their_frames_at_rest() {
         let scene = scene();
-        let demonstrations = demonstrate(&scene, 1);
+        let demonstrations = of_scene(&scene, 1);
         assert_eq!(demonstrations.len(), scene.record.count as usize);
         for d in &demonstrations {
             let last = d.points.len() - 1;
@@ -181,14 +237,14 @@ mod tests {
     fn a_seed_says_it_all_and_what_was_written_can_be_read() {
         let scene = scene();
         let texts = |seed| -> Vec<String> {
-            demonstrate(&scene, seed).iter().map(|d| to_text(d, &scene)).collect()
+            of_scene(&scene, seed).iter().map(|d| to_text(d, &labels(&scene))).collect()
         };
         assert_eq!(texts(3), texts(3));
         assert_ne!(texts(3), texts(4));
         let folder = std::env::temp_dir().join(format!("planar-record-{}", std::process::id()));
         record(&scene, 3, &folder).unwrap();
         let read = read_folder(&folder, &scene).unwrap();
-        for (a, b) in read.iter().zip(demonstrate(&scene, 3)) {
+        for (a, b) in read.iter().zip(of_scene(&scene, 3)) {
             assert!((a.goal.angle_rad - b.goal.angle_rad).abs() < 1e-5);
             let pairs = a.points.iter().zip(&b.points);
             assert!(pairs.into_iter().all(|(a, b)| (*a - *b).length() < 1e-6));

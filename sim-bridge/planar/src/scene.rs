@@ -168,6 +168,16 @@ struct Header {
     schema: Option<String>,
 }
 
+/// The schema first, so that a file of another version is told as such.
+pub(crate) fn require_schema(text: &str, path: &Path, expected: &str) -> Result<(), SimError> {
+    let found = parse_json::<Header>(text, path)?.schema;
+    if found.as_deref() == Some(expected) {
+        return Ok(());
+    }
+    let found = found.map_or("none".into(), |s| format!("`{s}`"));
+    Err(SimError::key(path, "schema", format!("expected `{expected}`, found {found}")))
+}
+
 impl Scene {
     /// Reads and checks a scene file.
     pub(crate) fn read(path: &Path) -> Result<Self, SimError> {
@@ -176,15 +186,7 @@ impl Scene {
 
     /// A scene from the text of the file at `path`.
     pub(crate) fn from_text(text: &str, path: &Path) -> Result<Self, SimError> {
-        let found = parse_json::<Header>(text, path)?.schema;
-        if found.as_deref() != Some(SCHEMA) {
-            let found = found.map_or("none".into(), |s| format!("`{s}`"));
-            return Err(SimError::key(
-                path,
-                "schema",
-                format!("expected `{SCHEMA}`, found {found}"),
-            ));
-        }
+        require_schema(text, path, SCHEMA)?;
         let mut scene: Self = parse_json(text, path)?;
         scene.check(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));

@@ -1,10 +1,11 @@
-//! The stroke that the scripted expert draws: a lying S, and how it follows its two frames.
+//! The strokes that the scripted expert draws, and how they follow their two frames.
 
 use std::f64::consts::PI;
 
 use glam::{DMat2, DVec2};
 
 use crate::scene::RecordSettings;
+use crate::spline::Spline;
 
 /// Points of the table that turns arc length into the curve's parameter.
 const TABLE_POINTS: usize = 2001;
@@ -31,60 +32,83 @@ impl PlanarPose {
     }
 }
 
-/// A curve from (−length/2, 0) to (length/2, 0), by its share of arc length σ ∈ \[0, 1\]:
-/// x(s) = l (s − ½) − b sin 4πs, y(s) = −h sin 2πs.
+/// A stroke, by its share of arc length σ ∈ \[0, 1\].
 #[derive(Debug, Clone)]
 pub(crate) struct Stroke {
-    length_m: f64,
-    height_m: f64,
-    overhang_m: f64,
+    curve: Curve,
     /// Arc length from the start up to s = i/(n − 1) \[m\].
     arc_m: Vec<f64>,
 }
 
-impl Stroke {
-    pub(crate) fn new(settings: &RecordSettings) -> Self {
-        let mut stroke = Self {
-            length_m: settings.length_m,
-            height_m: settings.height_m,
-            overhang_m: settings.overhang_m,
-            arc_m: Vec::with_capacity(TABLE_POINTS),
-        };
-        let mut arc = 0.0;
-        let mut last = stroke.start();
-        for i in 0..TABLE_POINTS {
-            let point = stroke.curve(i as f64 / (TABLE_POINTS - 1) as f64);
-            arc += (point - last).length();
-            stroke.arc_m.push(arc);
-            last = point;
+/// A curve by a parameter s ∈ \[0, 1\].
+#[derive(Debug, Clone)]
+enum Curve {
+    /// A lying S from (−length/2, 0) to (length/2, 0):
+    /// x(s) = l (s − ½) − b sin 4πs, y(s) = −h sin 2πs.
+    LyingS { length_m: f64, height_m: f64, overhang_m: f64 },
+    /// A spline through way points.
+    Drawn(Spline),
+}
+
+impl Curve {
+    fn point(&self, s: f64) -> DVec2 {
+        match self {
+            Self::LyingS { length_m, height_m, overhang_m } => DVec2::new(
+                length_m * (s - 0.5) - overhang_m * (4.0 * PI * s).sin(),
+                -height_m * (2.0 * PI * s).sin(),
+            ),
+            Self::Drawn(spline) => spline.point(s),
         }
-        stroke
+    }
+}
+
+impl Stroke {
+    /// The lying S of a scene.
+    pub(crate) fn lying_s(settings: &RecordSettings) -> Self {
+        let RecordSettings { length_m, height_m, overhang_m, .. } = *settings;
+        Self::along(Curve::LyingS { length_m, height_m, overhang_m })
     }
 
-    fn curve(&self, s: f64) -> DVec2 {
-        DVec2::new(
-            self.length_m * (s - 0.5) - self.overhang_m * (4.0 * PI * s).sin(),
-            -self.height_m * (2.0 * PI * s).sin(),
-        )
+    /// A smooth stroke through way points \[m\], of which neighbours lie apart.
+    pub(crate) fn through(way_points: &[DVec2]) -> Self {
+        Self::along(Curve::Drawn(Spline::through(way_points)))
+    }
+
+    fn along(curve: Curve) -> Self {
+        let mut arc_m = Vec::with_capacity(TABLE_POINTS);
+        let mut arc = 0.0;
+        let mut last = curve.point(0.0);
+        for i in 0..TABLE_POINTS {
+            let point = curve.point(i as f64 / (TABLE_POINTS - 1) as f64);
+            arc += (point - last).length();
+            arc_m.push(arc);
+            last = point;
+        }
+        Self { curve, arc_m }
     }
 
     /// Where it starts \[m\].
     pub(crate) fn start(&self) -> DVec2 {
-        DVec2::new(-0.5 * self.length_m, 0.0)
+        self.curve.point(0.0)
     }
 
     /// Where it ends \[m\].
     pub(crate) fn end(&self) -> DVec2 {
-        DVec2::new(0.5 * self.length_m, 0.0)
+        self.curve.point(1.0)
+    }
+
+    /// How long it is \[m\].
+    pub(crate) fn length_m(&self) -> f64 {
+        self.arc_m[TABLE_POINTS - 1]
     }
 
     /// The point at the share σ of the arc length \[m\].
     pub(crate) fn point(&self, share: f64) -> DVec2 {
-        let wanted = share.clamp(0.0, 1.0) * self.arc_m[TABLE_POINTS - 1];
+        let wanted = share.clamp(0.0, 1.0) * self.length_m();
         let above = self.arc_m.partition_point(|arc| *arc < wanted).clamp(1, TABLE_POINTS - 1);
         let (low, high) = (self.arc_m[above - 1], self.arc_m[above]);
         let s = (above as f64 - 1.0 + (wanted - low) / (high - low)) / (TABLE_POINTS - 1) as f64;
-        self.curve(s)
+        self.curve.point(s)
     }
 
     /// The point at σ of the stroke laid between two frames: at the start it moves with the start
@@ -111,7 +135,7 @@ mod tests {
 
     #[test]
     fn the_stroke_runs_evenly_from_its_start_to_its_end() {
-        let stroke = Stroke::new(&scene().record);
+        let stroke = Stroke::lying_s(&scene().record);
         assert!((stroke.point(0.0) - stroke.start()).length() < 1e-12);
         assert!((stroke.point(1.0) - stroke.end()).length() < 1e-12);
         let step = |i: u32| {
@@ -125,7 +149,7 @@ mod tests {
 
     #[test]
     fn the_stroke_follows_its_frames_at_both_ends() {
-        let stroke = Stroke::new(&scene().record);
+        let stroke = Stroke::lying_s(&scene().record);
         let start = PlanarPose { position_m: DVec2::new(-1.0, 0.3), angle_rad: 0.2 };
         let end = PlanarPose { position_m: DVec2::new(1.4, -0.1), angle_rad: -0.3 };
         assert!((stroke.between(&start, &end, 0.0) - start.position_m).length() < 1e-12);

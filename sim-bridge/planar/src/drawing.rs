@@ -1,0 +1,271 @@
+//! Drawings: strokes that a person gave as way points, shown by the scripted expert as skills.
+
+use std::path::Path;
+
+use glam::DVec2;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use serde::Deserialize;
+
+use crate::error::{SimError, parse_json, read_text};
+use crate::record::{Labels, Variation, demonstrate, write_all};
+use crate::scene::{Range, require_schema};
+use crate::shape::{Stroke, minimum_jerk};
+
+/// Schema this module reads.
+const SCHEMA: &str = "tprmp-drawings/1";
+/// Steps of the table that turns time into arc length.
+const TABLE_STEPS: usize = 2000;
+/// Where the way is bent less than by this, the speed does not depend on it \[1/m\].
+const CURVATURE_SOFTENING_1_M: f64 = 1.0;
+/// Half the distance over which the curvature is taken, as a share of the length.
+const CURVATURE_SHARE: f64 = 0.01;
+
+/// A drawings file: what the expert varies, and the drawings.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Drawings {
+    #[serde(rename = "schema")]
+    _schema: String,
+    start_frame: String,
+    goal_frame: String,
+    /// Demonstrations of each drawing.
+    count: u32,
+    sampling_time_s: f64,
+    /// Length of the stroke by its duration.
+    mean_speed_m_s: Range,
+    /// Of either frame, to either side, in x and y.
+    position_variation_m: f64,
+    /// Of either frame, to either side.
+    angle_variation_rad: f64,
+    /// Of the stroke between its ends, to either side.
+    shape_variation_m: f64,
+    drawings: Vec<Drawing>,
+}
+
+/// A drawing; its name is its skill's.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Drawing {
+    skill: String,
+    way_points_m: Vec<[f64; 2]>,
+}
+
+impl Drawings {
+    /// Reads and checks a drawings file.
+    pub(crate) fn read(path: &Path) -> Result<Self, SimError> {
+        Self::from_text(&read_text(path, "")?, path)
+    }
+
+    fn from_text(text: &str, path: &Path) -> Result<Self, SimError> {
+        require_schema(text, path, SCHEMA)?;
+        let drawings: Self = parse_json(text, path)?;
+        drawings.check(path)?;
+        Ok(drawings)
+    }
+
+    fn check(&self, path: &Path) -> Result<(), SimError> {
+        let Range { low, high } = self.mean_speed_m_s;
+        if !(low > 0.0 && low <= high && high.is_finite()) {
+            let problem =
+                format!("expected [low, high] with 0 < low ≤ high, found [{low}, {high}]");
+            return Err(SimError::key(path, "mean_speed_m_s", problem));
+        }
+        for (key, value, low, high) in [
+            ("count", f64::from(self.count), 1.0, 99.0),
+            ("sampling_time_s", self.sampling_time_s, 0.001, 0.1),
+            ("position_variation_m", self.position_variation_m, 0.0, 2.0),
+            ("angle_variation_rad", self.angle_variation_rad, 0.0, 1.6),
+            ("shape_variation_m", self.shape_variation_m, 0.0, 1.0),
+        ] {
+            if !(low..=high).contains(&value) {
+                let problem = format!("expected a number from {low} to {high}, found {value}");
+                return Err(SimError::key(path, key, problem));
+            }
+        }
+        for (i, drawing) in self.drawings.iter().enumerate() {
+            let fail = |key: &str, problem: String| {
+                Err(SimError::key(path, format!("drawings[{i}].{key}"), problem))
+            };
+            let skill = &drawing.skill;
+            let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+            if skill.is_empty() || !skill.chars().all(plain) {
+                let problem = format!(
+                    "expected a name of letters, digits, `-` and `_`: it becomes a folder; found \
+                     `{skill}`"
+                );
+                return fail("skill", problem);
+            }
+            if self.drawings[..i].iter().any(|other| other.skill == *skill) {
+                return fail("skill", format!("expected names that differ, found `{skill}` twice"));
+            }
+            let points = &drawing.way_points_m;
+            if points.len() < 2 {
+                let problem = format!("expected at least 2 way points, found {}", points.len());
+                return fail("way_points_m", problem);
+            }
+            let apart =
+                |pair: &[[f64; 2]]| (DVec2::from(pair[1]) - DVec2::from(pair[0])).length() > 1e-3;
+            if let Some(k) = points.windows(2).position(|pair| !apart(pair)) {
+                let problem = format!("expected neighbours apart, found {k} and {} at one", k + 1);
+                return fail("way_points_m", problem);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Writes the demonstrations of all drawings, each into a folder of its own.
+pub(crate) fn draw(file: &Path, seed: u64, out: &Path) -> Result<(), SimError> {
+    let drawings = Drawings::read(file)?;
+    println!("seed {seed}");
+    for drawing in &drawings.drawings {
+        let labels = Labels {
+            skill: &drawing.skill,
+            start_frame: &drawings.start_frame,
+            goal_frame: &drawings.goal_frame,
+            sampling_time_s: drawings.sampling_time_s,
+        };
+        write_all(&show(&drawings, drawing, seed), &labels, &out.join(&drawing.skill))?;
+    }
+    Ok(())
+}
+
+/// What the expert shows of a drawing with this seed.
+fn show(drawings: &Drawings, drawing: &Drawing, seed: u64) -> Vec<crate::record::Demonstration> {
+    let points: Vec<DVec2> = drawing.way_points_m.iter().map(|p| DVec2::from(*p)).collect();
+    let stroke = Stroke::through(&points);
+    let length = stroke.length_m();
+    let Range { low, high } = drawings.mean_speed_m_s;
+    let variation = Variation {
+        count: drawings.count,
+        duration_s: Range { low: length / high, high: length / low },
+        sampling_time_s: drawings.sampling_time_s,
+        position_variation_m: drawings.position_variation_m,
+        angle_variation_rad: drawings.angle_variation_rad,
+        shape_variation_m: drawings.shape_variation_m,
+    };
+    let pace = Pace::new(&stroke);
+    // A stream of its own: a drawing that is added changes no other.
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    generator.set_stream(fnv1a(&drawing.skill));
+    demonstrate(&stroke, &variation, &mut generator, |time| pace.share(time))
+}
+
+/// FNV-1a hash: the same on every machine and with every version of the compiler.
+fn fnv1a(text: &str) -> u64 {
+    let step = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+    text.bytes().fold(0xcbf2_9ce4_8422_2325, step)
+}
+
+/// How a hand moves along a stroke: slower where it is bent, v ∝ (κ² + κ₀²)^(−1/6), the two-thirds
+/// power law [Viviani and Schneider 1991], and from rest to rest.
+struct Pace {
+    /// Share of the time, without the rests, at σ = i/n.
+    times: Vec<f64>,
+}
+
+impl Pace {
+    fn new(stroke: &Stroke) -> Self {
+        let slowness = |share: f64| {
+            let h = CURVATURE_SHARE;
+            let share = share.clamp(h, 1.0 - h);
+            let [a, b, c] = [share - h, share, share + h].map(|at| stroke.point(at));
+            let step = h * stroke.length_m();
+            let curvature = (a - 2.0 * b + c).length() / (step * step);
+            (curvature.powi(2) + CURVATURE_SOFTENING_1_M.powi(2)).powf(1.0 / 6.0)
+        };
+        let mut times = vec![0.0];
+        for i in 0..TABLE_STEPS {
+            times.push(times[i] + slowness((i as f64 + 0.5) / TABLE_STEPS as f64));
+        }
+        let whole = times[TABLE_STEPS];
+        times.iter_mut().for_each(|time| *time /= whole);
+        Self { times }
+    }
+
+    /// Share of the length at a share of the duration.
+    fn share(&self, time: f64) -> f64 {
+        let wanted = minimum_jerk(time);
+        let above = self.times.partition_point(|time| *time < wanted).clamp(1, TABLE_STEPS);
+        let (low, high) = (self.times[above - 1], self.times[above]);
+        (above as f64 - 1.0 + (wanted - low) / (high - low)) / TABLE_STEPS as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/drawings.json");
+
+    #[test]
+    fn the_shipped_drawings_are_many_and_end_in_their_frames_at_rest() {
+        let drawings = Drawings::read(Path::new(FILE)).unwrap();
+        assert!(drawings.drawings.len() >= 15 && drawings.count >= 3);
+        for drawing in &drawings.drawings {
+            let shown = show(&drawings, drawing, 1);
+            for d in &shown {
+                let last = d.points.len() - 1;
+                assert!((d.points[0] - d.start.position_m).length() < 1e-9);
+                assert!((d.points[last] - d.goal.position_m).length() < 1e-9);
+                let speed =
+                    |i: usize| (d.points[i + 1] - d.points[i]).length() / drawings.sampling_time_s;
+                let speeds: Vec<f64> = (0..last).map(speed).collect();
+                let fastest = speeds.iter().copied().fold(0.0, f64::max);
+                assert!(speeds[0] < 0.02 && speeds[last - 1] < 0.02);
+                assert!(fastest < 3.0, "{}: {fastest} m/s", drawing.skill);
+            }
+            let frames_differ = |a: &crate::shape::PlanarPose, b: &crate::shape::PlanarPose| {
+                (a.position_m - b.position_m).length() > 1e-3
+                    && (a.angle_rad - b.angle_rad).abs() > 1e-4
+            };
+            assert!(frames_differ(&shown[0].start, &shown[1].start));
+            assert!(frames_differ(&shown[0].goal, &shown[1].goal));
+        }
+    }
+
+    #[test]
+    fn a_drawing_that_is_added_changes_no_other() {
+        let mut drawings = Drawings::read(Path::new(FILE)).unwrap();
+        let last = drawings.drawings.last().unwrap().clone();
+        let before = show(&drawings, &last, 3);
+        let way_points_m = vec![[0.0, 0.0], [1.0, 0.2], [2.0, 0.0]];
+        drawings.drawings.insert(0, Drawing { skill: "new".into(), way_points_m });
+        let after = show(&drawings, drawings.drawings.last().unwrap(), 3);
+        assert!(before.iter().zip(&after).all(|(a, b)| a.points == b.points));
+        assert!(show(&drawings, &last, 4)[0].points != before[0].points);
+    }
+
+    #[test]
+    fn a_hand_is_slower_where_the_way_is_bent() {
+        let corner = [(0.0, 0.0), (0.9, 0.0), (1.0, 0.05), (1.0, 0.2), (1.0, 1.0)];
+        let stroke = Stroke::through(&corner.map(DVec2::from));
+        let pace = Pace::new(&stroke);
+        let slowness = |i: usize| pace.times[i + 1] - pace.times[i];
+        assert!(slowness(TABLE_STEPS / 2) > 1.2 * slowness(TABLE_STEPS / 5));
+        assert!(pace.share(0.0).abs() < 1e-12 && (pace.share(1.0) - 1.0).abs() < 1e-12);
+        let shares: Vec<f64> = (0..=50).map(|i| pace.share(f64::from(i) / 50.0)).collect();
+        assert!(shares.windows(2).all(|pair| pair[0] < pair[1]));
+    }
+
+    #[test]
+    fn errors_name_file_key_and_expectation() {
+        let text = std::fs::read_to_string(FILE).unwrap();
+        for (from, to, key, expectation) in [
+            ("\"count\": 4", "\"count\": 0", "count", "from 1 to 99"),
+            ("tprmp-drawings/1", "tprmp-drawings/9", "schema", "tprmp-drawings/9"),
+            ("\"skill\": \"C\"", "\"skill\": \"../C\"", "drawings[0].skill", "letters"),
+            ("\"skill\": \"G\"", "\"skill\": \"C\"", "drawings[1].skill", "twice"),
+            ("\"mean_speed_m_s\": [0.6", "\"mean_speed_m_s\": [-0.6", "mean_speed_m_s", "low"),
+            ("\"skill\": \"C\", ", "", "drawings[0]", "missing field `skill`"),
+        ] {
+            assert!(text.contains(from), "{from}");
+            let bad = text.replacen(from, to, 1);
+            let error = Drawings::from_text(&bad, Path::new("a/d.json")).unwrap_err().to_string();
+            for part in ["a/d.json", key, expectation] {
+                assert!(error.contains(part), "{error}: no {part}");
+            }
+        }
+    }
+}
