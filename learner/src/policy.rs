@@ -100,7 +100,7 @@ fn product_block<const D: usize>(
     skill.update(frames, &mut state);
     let field = state.field()?;
     let goal = state.coordinates(goal, DVec3::ZERO, DVec3::ZERO).point;
-    let metrics = field.components().iter().map(|c| c.precision * field.metric_scale());
+    let metrics = field.components().map(|c| c.precision * field.metric_scale());
     Some(block(name, metrics, &goal, |y| {
         let value = field.evaluate(y, &SVector::zeros());
         (value.gradient, value.metric)

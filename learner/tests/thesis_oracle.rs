@@ -149,7 +149,7 @@ fn products_of_gaussians_agree_with_eq_3_6() {
     let oracle = Oracle::read();
     for demonstration in &oracle.demonstrations {
         let field = oracle.field(demonstration, &oracle.potentials);
-        for (k, component) in field.components().iter().enumerate() {
+        for (k, component) in field.components().enumerate() {
             assert!((component.mean - Vector2::from(demonstration.means[k])).norm() < 1e-12);
             let expected = matrix(&demonstration.precisions[k]);
             assert!((component.precision - expected).norm() < 1e-10 * expected.norm());

@@ -25,6 +25,9 @@
 use nalgebra::{Cholesky, SMatrix, SVector};
 
 use crate::field::{COMPONENT_CAPACITY, FieldValue};
+use crate::lanes::{
+    self, Kernel, LANES, Lanes, Quad, add_scaled, dot, splat_all, sums, symmetric_times,
+};
 
 /// One component.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,17 +51,72 @@ pub enum GaussianFieldError {
     Precision(usize),
 }
 
+/// Four components side by side, one in each lane.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct GaussianQuad<const D: usize> {
+    /// √det Λ; 0 in the lanes beyond the last component, which repeat that.
+    pub(crate) normaliser: Quad,
+    pub(crate) mean: [Quad; D],
+    /// Its lower triangle counts.
+    pub(crate) precision: [[Quad; D]; D],
+    pub(crate) potential: Quad,
+    pub(crate) damping: Quad,
+}
+
+/// Most groups of four components.
+pub(crate) const QUAD_CAPACITY: usize = COMPONENT_CAPACITY / LANES;
+
+impl<const D: usize> GaussianQuad<D> {
+    pub(crate) const NONE: Self = Self {
+        normaliser: [0.0; LANES],
+        mean: [[0.0; LANES]; D],
+        precision: [[[0.0; LANES]; D]; D],
+        potential: [0.0; LANES],
+        damping: [0.0; LANES],
+    };
+
+    fn set(&mut self, lane: usize, component: &GaussianComponent<D>, normaliser: f64) {
+        self.normaliser[lane] = normaliser;
+        self.potential[lane] = component.potential;
+        self.damping[lane] = component.damping;
+        for i in 0..D {
+            self.mean[i][lane] = component.mean[i];
+            for j in 0..=i {
+                self.precision[i][j][lane] = component.precision[(i, j)];
+            }
+        }
+    }
+
+    fn get(&self, lane: usize) -> GaussianComponent<D> {
+        GaussianComponent {
+            mean: SVector::from_fn(|i, _| self.mean[i][lane]),
+            precision: SMatrix::from_fn(|i, j| self.precision[i.max(j)][i.min(j)][lane]),
+            potential: self.potential[lane],
+            damping: self.damping[lane],
+        }
+    }
+
+    /// Λ v, and n² = vᵀΛv of each component, for v = y − μ.
+    #[inline(always)]
+    fn pull<L: Lanes>(&self, at: &[L; D]) -> ([L; D], L) {
+        let mut offset = [L::zero(); D];
+        for i in 0..D {
+            offset[i] = at[i] - L::load(&self.mean[i]);
+        }
+        let pull = symmetric_times(&self.precision, &offset);
+        (pull, dot(&offset, &pull))
+    }
+}
+
 /// An immutable field of dimension D; its last component is the goal's.
 #[derive(Debug, Clone)]
 pub struct GaussianField<const D: usize> {
-    components: [GaussianComponent<D>; COMPONENT_CAPACITY],
-    /// ½ ln det Λ_k.
-    log_normalisers: [f64; COMPONENT_CAPACITY],
-    count: usize,
+    pub(crate) quads: [GaussianQuad<D>; QUAD_CAPACITY],
+    pub(crate) count: usize,
     /// γ \[s²\].
-    metric_scale: f64,
+    pub(crate) metric_scale: f64,
     /// δ.
-    huber_threshold: f64,
+    pub(crate) huber_threshold: f64,
 }
 
 /// The potential at a point as an affine function of the bias potentials:
@@ -97,24 +155,31 @@ impl<const D: usize> GaussianField<D> {
         if count > COMPONENT_CAPACITY {
             return Err(GaussianFieldError::ComponentCount(count));
         }
-        let mut stored = [*last; COMPONENT_CAPACITY];
-        stored[..count].copy_from_slice(components);
-        let mut log_normalisers = [0.0; COMPONENT_CAPACITY];
-        for (k, (component, log)) in components.iter().zip(&mut log_normalisers).enumerate() {
-            let factor = Cholesky::new(component.precision);
-            // ½ ln det Λ is the sum of the logarithms of the factor's diagonal.
-            *log = factor
-                .map(|f| f.l_dirty().diagonal().iter().map(|d| d.ln()).sum())
-                .filter(|log: &f64| log.is_finite())
+        let mut field = Self { count, metric_scale, huber_threshold, ..Self::NONE };
+        for (k, component) in components.iter().enumerate() {
+            let normaliser = Cholesky::new(component.precision)
+                .map(|f| f.l_dirty().diagonal().iter().product())
+                .filter(|n: &f64| n.is_finite() && *n > 0.0)
                 .ok_or(GaussianFieldError::Precision(k))?;
+            field.quads[k / LANES].set(k % LANES, component, normaliser);
         }
-        Ok(Self { components: stored, log_normalisers, count, metric_scale, huber_threshold })
+        for k in count..count.next_multiple_of(LANES) {
+            field.quads[k / LANES].set(k % LANES, last, 0.0);
+        }
+        Ok(field)
     }
 
+    /// A field without components.
+    pub(crate) const NONE: Self = Self {
+        quads: [GaussianQuad::NONE; QUAD_CAPACITY],
+        count: 0,
+        metric_scale: f64::NAN,
+        huber_threshold: f64::NAN,
+    };
+
     /// Its components, the last of which is the goal's.
-    #[must_use]
-    pub fn components(&self) -> &[GaussianComponent<D>] {
-        &self.components[..self.count]
+    pub fn components(&self) -> impl ExactSizeIterator<Item = GaussianComponent<D>> + '_ {
+        (0..self.count).map(|k| self.quads[k / LANES].get(k % LANES))
     }
 
     /// γ \[s²\].
@@ -123,28 +188,18 @@ impl<const D: usize> GaussianField<D> {
         self.metric_scale
     }
 
+    /// The components, four in each.
+    fn quads(&self) -> &[GaussianQuad<D>] {
+        &self.quads[..self.count.div_ceil(LANES)]
+    }
+
     /// w̃_k, the normalised densities at y; zero beyond the last component  [thesis eq. 4.6].
     ///
-    /// Computed by their logarithms, so that they are right however far away y is.
+    /// The exponents are taken relative to the largest, so that they are right however far away y
+    /// is.
     #[must_use]
     pub fn weights(&self, y: &SVector<f64, D>) -> [f64; COMPONENT_CAPACITY] {
-        let mut weights = [0.0; COMPONENT_CAPACITY];
-        let mut largest = f64::NEG_INFINITY;
-        for (k, component) in self.components().iter().enumerate() {
-            let offset = y - component.mean;
-            weights[k] =
-                self.log_normalisers[k] - 0.5 * offset.dot(&(component.precision * offset));
-            largest = largest.max(weights[k]);
-        }
-        let mut sum = 0.0;
-        for weight in &mut weights[..self.count] {
-            *weight = (*weight - largest).exp();
-            sum += *weight;
-        }
-        for weight in &mut weights[..self.count] {
-            *weight /= sum;
-        }
-        weights
+        lanes::run(Weights { field: self, y })
     }
 
     /// φ_k − φ⁰_k and the factor s of ∇φ_k = s Λ_k v_k, from n_k²  [thesis eq. 4.11, 4.13].
@@ -163,42 +218,7 @@ impl<const D: usize> GaussianField<D> {
     /// Hot path: no allocation, O(K D²). Input that is not finite gives output that is not finite.
     #[must_use]
     pub fn evaluate(&self, y: &SVector<f64, D>, velocity: &SVector<f64, D>) -> FieldValue<D> {
-        let mut mean_pull = SVector::<f64, D>::zeros();
-        let mut potential = 0.0;
-        let mut attraction = SVector::<f64, D>::zeros();
-        let mut potential_pull = SVector::<f64, D>::zeros();
-        let mut precision = SMatrix::<f64, D, D>::zeros();
-        let mut momentum_rate = SVector::<f64, D>::zeros();
-        let mut kinetic_pull = SVector::<f64, D>::zeros();
-        let mut damping = 0.0;
-        for (component, weight) in self.components().iter().zip(self.weights(y)) {
-            if weight == 0.0 {
-                continue;
-            }
-            let offset = y - component.mean;
-            let pull = component.precision * offset;
-            let (local, slope) = self.huber(offset.dot(&pull));
-            let local = component.potential + local;
-            let momentum = component.precision * velocity;
-            mean_pull += pull * weight;
-            potential += weight * local;
-            attraction += pull * (weight * slope);
-            potential_pull += pull * (weight * local);
-            precision += component.precision * weight;
-            momentum_rate += momentum * (weight * pull.dot(velocity));
-            kinetic_pull += pull * (weight * momentum.dot(velocity));
-            damping += weight * component.damping;
-        }
-        let momentum = precision * velocity;
-        let rate = momentum * mean_pull.dot(velocity) - momentum_rate;
-        let kinetic = mean_pull * momentum.dot(velocity) - kinetic_pull;
-        FieldValue {
-            potential,
-            gradient: attraction + mean_pull * potential - potential_pull,
-            metric: precision * self.metric_scale,
-            curvature: (rate - kinetic * 0.5) * self.metric_scale,
-            damping: SMatrix::identity() * damping,
-        }
+        lanes::run(Evaluation { field: self, y, velocity })
     }
 
     /// The potential at y as an affine function of the bias potentials; those of the components do
@@ -210,8 +230,7 @@ impl<const D: usize> GaussianField<D> {
         let weights = self.weights(y);
         let mut weight_gradients = [SVector::<f64, D>::zeros(); COMPONENT_CAPACITY];
         let mut mean_pull = SVector::<f64, D>::zeros();
-        for ((component, weight), pull) in
-            self.components().iter().zip(weights).zip(&mut weight_gradients)
+        for ((component, weight), pull) in self.components().zip(weights).zip(&mut weight_gradients)
         {
             *pull = component.precision * (y - component.mean);
             mean_pull += *pull * weight;
@@ -219,7 +238,7 @@ impl<const D: usize> GaussianField<D> {
         let mut potential = 0.0;
         let mut gradient = SVector::<f64, D>::zeros();
         for ((component, weight), weight_gradient) in
-            self.components().iter().zip(weights).zip(&mut weight_gradients)
+            self.components().zip(weights).zip(&mut weight_gradients)
         {
             let pull = *weight_gradient;
             let (local, slope) = self.huber(pull.dot(&(y - component.mean)));
@@ -228,6 +247,127 @@ impl<const D: usize> GaussianField<D> {
             gradient += pull * (weight * slope) + *weight_gradient * local;
         }
         AffinePotential { potential, gradient, weights, weight_gradients }
+    }
+}
+
+/// Least n_k² of all components.
+#[inline(always)]
+fn least_squared<L: Lanes, const D: usize>(
+    field: &GaussianField<D>,
+    at: &[L; D],
+    squared: &mut [Quad; QUAD_CAPACITY],
+) -> f64 {
+    let mut least = L::splat(f64::INFINITY);
+    for (quad, squared) in field.quads().iter().zip(squared) {
+        let found = quad.pull(at).1;
+        least = found.smaller(least);
+        *squared = found.store();
+    }
+    least.store().into_iter().fold(f64::INFINITY, f64::min)
+}
+
+/// The weights of a field, of four components at once.
+struct Weights<'a, const D: usize> {
+    field: &'a GaussianField<D>,
+    y: &'a SVector<f64, D>,
+}
+
+impl<const D: usize> Kernel for Weights<'_, D> {
+    type Output = [f64; COMPONENT_CAPACITY];
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> [f64; COMPONENT_CAPACITY] {
+        let Self { field, y } = self;
+        let mut squared = [[0.0; LANES]; QUAD_CAPACITY];
+        let least = least_squared(field, &splat_all::<L, D>(&y.data.0[0]), &mut squared);
+        let mut weights = [0.0; COMPONENT_CAPACITY];
+        let mut density = L::zero();
+        let groups = field.quads().iter().zip(&squared);
+        for ((quad, squared), weights) in groups.zip(weights.chunks_exact_mut(LANES)) {
+            let exponent = L::splat(0.5) * (L::splat(least) - L::load(squared));
+            let activation = exponent.exp() * L::load(&quad.normaliser);
+            density = density + activation;
+            weights.copy_from_slice(&activation.store());
+        }
+        let density = density.sum();
+        for weight in &mut weights[..field.count] {
+            *weight /= density;
+        }
+        weights
+    }
+}
+
+/// The evaluation of a field, of four components at once.
+struct Evaluation<'a, const D: usize> {
+    field: &'a GaussianField<D>,
+    y: &'a SVector<f64, D>,
+    velocity: &'a SVector<f64, D>,
+}
+
+impl<const D: usize> Kernel for Evaluation<'_, D> {
+    type Output = FieldValue<D>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> FieldValue<D> {
+        let Self { field, y, velocity } = self;
+        let at = splat_all::<L, D>(&y.data.0[0]);
+        let speed = splat_all::<L, D>(&velocity.data.0[0]);
+        let mut squared = [[0.0; LANES]; QUAD_CAPACITY];
+        let least = least_squared(field, &at, &mut squared);
+        let (zero, half) = (L::zero(), L::splat(0.5));
+        let threshold = field.huber_threshold;
+        let bound = threshold * threshold;
+        // Sums of e_k, the weights before they are normalised, with what stands beside them.
+        let (mut density, mut potential, mut damping) = (zero, zero, zero);
+        let (mut pulls, mut slopes) = ([zero; D], [zero; D]);
+        let (mut momentum_rates, mut kinetic_pulls) = ([zero; D], [zero; D]);
+        let mut precisions = [[zero; D]; D];
+        for (quad, squared) in field.quads().iter().zip(&squared) {
+            let (pull, _) = quad.pull(&at);
+            let squared = L::load(squared);
+            let exponent = half * (L::splat(least) - squared);
+            let activation = exponent.exp() * L::load(&quad.normaliser);
+            // φ_k − φ⁰_k and the factor s of ∇φ_k = s Λ_k v_k.
+            let norm = squared.at_least(bound).sqrt();
+            let far = L::splat(threshold) * (norm - L::splat(0.5 * threshold));
+            let local = squared.choose(bound, half * squared, far) + L::load(&quad.potential);
+            let slope = squared.choose(bound, L::splat(1.0), L::splat(threshold) / norm);
+            let momentum = symmetric_times(&quad.precision, &speed);
+            density = density + activation;
+            potential = potential + activation * local;
+            damping = damping + activation * L::load(&quad.damping);
+            add_scaled(&mut pulls, &pull, activation);
+            add_scaled(&mut slopes, &pull, activation * (slope - local));
+            add_scaled(&mut momentum_rates, &momentum, activation * dot(&pull, &speed));
+            add_scaled(&mut kinetic_pulls, &pull, activation * dot(&momentum, &speed));
+            for i in 0..D {
+                for j in 0..=i {
+                    precisions[i][j] =
+                        precisions[i][j] + activation * L::load(&quad.precision[i][j]);
+                }
+            }
+        }
+        let inverse = 1.0 / density.sum();
+        let mut precision = SMatrix::<f64, D, D>::zeros();
+        for i in 0..D {
+            let row = sums(&precisions[i]);
+            for j in 0..=i {
+                precision[(i, j)] = row[j] * inverse;
+                precision[(j, i)] = row[j] * inverse;
+            }
+        }
+        let potential = potential.sum() * inverse;
+        let mean_pull = sums(&pulls) * inverse;
+        let momentum = precision * velocity;
+        let rate = momentum * mean_pull.dot(velocity) - sums(&momentum_rates) * inverse;
+        let kinetic = mean_pull * momentum.dot(velocity) - sums(&kinetic_pulls) * inverse;
+        FieldValue {
+            potential,
+            gradient: mean_pull * potential + sums(&slopes) * inverse,
+            metric: precision * field.metric_scale,
+            curvature: (rate - kinetic * 0.5) * field.metric_scale,
+            damping: SMatrix::identity() * (damping.sum() * inverse),
+        }
     }
 }
 
@@ -275,7 +415,7 @@ mod tests {
 
     /// Whether n_k = δ within the reach of the differences, which a kink in φ_k″ would disturb.
     fn near_a_kink(field: &GaussianField<3>, y: &Vector3<f64>) -> bool {
-        field.components().iter().any(|c| {
+        field.components().any(|c| {
             let offset = y - c.mean;
             (offset.dot(&(c.precision * offset)).sqrt() - THRESHOLD).abs() < 5e-3
         })
@@ -352,9 +492,9 @@ mod tests {
                 c.precision.determinant().sqrt()
                     * (-0.5 * offset.dot(&(c.precision * offset))).exp()
             };
-            let sum: f64 = field.components().iter().map(density).sum();
-            for (component, weight) in field.components().iter().zip(field.weights(&y)) {
-                prop_assert!((weight - density(component) / sum).abs() < 1e-12);
+            let sum: f64 = field.components().map(|c| density(&c)).sum();
+            for (component, weight) in field.components().zip(field.weights(&y)) {
+                prop_assert!((weight - density(&component) / sum).abs() < 1e-12);
             }
         }
 
@@ -365,7 +505,7 @@ mod tests {
             let affine = field.affine_potential(&y);
             let (mut potential, mut gradient) = (affine.potential, affine.gradient);
             let mut damping = 0.0;
-            for (k, component) in field.components().iter().enumerate() {
+            for (k, component) in field.components().enumerate() {
                 potential += affine.weights[k] * component.potential;
                 gradient += affine.weight_gradients[k] * component.potential;
                 damping += affine.weights[k] * component.damping;
@@ -410,8 +550,22 @@ mod tests {
     }
 
     #[test]
+    fn every_machine_gives_the_same_bits() {
+        let field = field();
+        for i in 0..40 {
+            let s = f64::from(i);
+            let y = Vector3::new((s * 0.7).sin(), (s * 1.3).cos(), 0.5 * (s * 0.31).sin()) * 2.0;
+            let velocity = Vector3::new((s * 0.9).cos(), 0.6 * (s * 0.5).sin(), 0.8 - 0.03 * s);
+            let kernel = || Evaluation { field: &field, y: &y, velocity: &velocity };
+            assert_eq!(lanes::run(kernel()), lanes::run_portable(kernel()));
+            let kernel = || Weights { field: &field, y: &y };
+            assert_eq!(lanes::run(kernel()), lanes::run_portable(kernel()));
+        }
+    }
+
+    #[test]
     fn what_makes_no_field_is_refused() {
-        let good = *field().components().first().unwrap();
+        let good = field().components().next().unwrap();
         let error = |c: &[GaussianComponent<3>]| GaussianField::new(c, 1.0, 1.0).unwrap_err();
         assert_eq!(error(&[]), GaussianFieldError::ComponentCount(0));
         let many = [good; COMPONENT_CAPACITY + 1];

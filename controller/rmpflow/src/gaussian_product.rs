@@ -13,17 +13,14 @@
 //! A Gaussian is held by its precision Λ = Σ⁻¹: the product is a sum of precisions, so that nothing
 //! is inverted on the way from the frames to the field.
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DVec3};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
 use crate::frame_map::Pose;
-use crate::rotation::{parallel_transport, rotation_vector};
+use crate::lanes::{self, Kernel, LANES, Lanes};
+use crate::product_quad::PoseQuad;
+use crate::product_skill::FRAME_CAPACITY;
 
-/// Bound on the Gauss–Newton iterations of a product; factors within 1 rad of one another take
-/// some six.
-const ITERATIONS_MAX: usize = 50;
-/// The iterations stop at this change of the mean's orientation \[rad\]; what is left is less.
-const ROTATION_TOLERANCE: f64 = 1e-11;
 /// A factor is stronger than another when its precision's determinant is larger by more than this:
 /// rounding does not decide.
 const STRONGER: f64 = 1e-6;
@@ -80,51 +77,53 @@ impl<const D: usize> PoseGaussian<D> {
 /// The order of the factors matters by rounding alone, but for what the tangent does not span (for
 /// D = 2 height, for D < 6 orientation): that is the strongest factor's, and the first's of equals.
 ///
-/// Hot path: no allocation, O(P D³) an iteration. `None` when there is no factor, or one whose
-/// precision is not positive definite or that is not finite.
+/// [`crate::product_skill`] does the same for four components at once.
+///
+/// No allocation, O(P D³) an iteration. `None` when there is no factor, or more than
+/// [`FRAME_CAPACITY`], or one whose precision is not positive definite or that is not finite.
 #[must_use]
 pub fn product<const D: usize>(factors: &[PoseGaussian<D>]) -> Option<PoseGaussian<D>> {
-    let mut mean = strongest(factors)?.mean;
-    let mut precision = SMatrix::zeros();
-    for _ in 0..ITERATIONS_MAX {
-        precision = SMatrix::zeros();
-        let mut pull = SVector::<f64, D>::zeros();
-        for factor in factors {
-            let offset = factor.mean.position - mean.position;
-            let rotation = if D == 6 {
-                rotation_vector(mean.orientation.conjugate() * factor.mean.orientation)
-            } else {
-                DVec3::ZERO
-            };
-            let transport = DMat3::from_quat(parallel_transport(-rotation));
-            let transported = turned(&factor.precision, DMat3::IDENTITY, transport);
-            precision += transported;
-            pull += transported * tangent(offset, rotation);
-        }
-        let step = Cholesky::new(precision)?.solve(&pull);
-        mean = moved(&mean, &step);
-        if rotation_part(&step).length() <= ROTATION_TOLERANCE {
-            break;
+    let strongest = strongest(factors)?;
+    let mut quads = [PoseQuad::NONE; FRAME_CAPACITY];
+    let quads = quads.get_mut(..factors.len())?;
+    for (quad, factor) in quads.iter_mut().zip(factors) {
+        for lane in 0..LANES {
+            quad.set(lane, factor);
         }
     }
-    let finite = mean.position.is_finite() && mean.orientation.is_finite();
-    finite.then_some(PoseGaussian { mean, precision })
+    lanes::run(Product { factors: quads, strongest: [strongest; LANES] })
+}
+
+/// A product in all lanes.
+struct Product<'a, const D: usize> {
+    factors: &'a [PoseQuad<D>],
+    strongest: [usize; LANES],
+}
+
+impl<const D: usize> Kernel for Product<'_, D> {
+    type Output = Option<PoseGaussian<D>>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Option<PoseGaussian<D>> {
+        let (product, _) = PoseQuad::product::<L>(self.factors, &self.strongest)?;
+        Some(product.get(0))
+    }
 }
 
 /// The factor of the largest det Λ_p, the first of equals; `None` when a factor is no Gaussian.
-fn strongest<const D: usize>(factors: &[PoseGaussian<D>]) -> Option<&PoseGaussian<D>> {
-    let mut best: Option<(f64, &PoseGaussian<D>)> = None;
-    for factor in factors {
+pub(crate) fn strongest<const D: usize>(factors: &[PoseGaussian<D>]) -> Option<usize> {
+    let mut best: Option<(f64, usize)> = None;
+    for (p, factor) in factors.iter().enumerate() {
         let determinant = Cholesky::new(factor.precision)?.determinant();
         let Pose { position, orientation } = factor.mean;
         if !(determinant.is_finite() && position.is_finite() && orientation.is_finite()) {
             return None;
         }
         if best.is_none_or(|(largest, _)| determinant > largest * (1.0 + STRONGER)) {
-            best = Some((determinant, factor));
+            best = Some((determinant, p));
         }
     }
-    best.map(|(_, factor)| factor)
+    best.map(|(_, p)| p)
 }
 
 /// T Λ Tᵀ with T = diag(A, B) on position and rotation vector, cut to the first D rows and columns;
@@ -171,25 +170,11 @@ pub(crate) fn tangent<const D: usize>(position: DVec3, rotation: DVec3) -> SVect
     SVector::from_fn(|i, _| if i < 3 { position[i] } else { rotation[i - 3] })
 }
 
-/// The rotation vector of a tangent vector, zero for D < 6.
-fn rotation_part<const D: usize>(step: &SVector<f64, D>) -> DVec3 {
-    let at = |i: usize| step.get(i).copied().unwrap_or(0.0);
-    DVec3::new(at(3), at(4), at(5))
-}
-
-/// The pose a tangent vector away: x + δ_x, q exp(δ_q).
-fn moved<const D: usize>(pose: &Pose, step: &SVector<f64, D>) -> Pose {
-    let mut position = pose.position;
-    for i in 0..D.min(3) {
-        position[i] += step[i];
-    }
-    let turn = DQuat::from_scaled_axis(rotation_part(step));
-    Pose { position, orientation: (pose.orientation * turn).normalize() }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rotation::rotation_vector;
+    use glam::DQuat;
     use proptest::prelude::*;
     use std::f64::consts::PI;
 

@@ -19,13 +19,15 @@
 //! followed with a lag, and V may rise while it moves.
 
 use glam::{DMat3, DVec3};
-use nalgebra::{Cholesky, SMatrix, SVector, Vector6};
+use nalgebra::{SMatrix, SVector, Vector6};
 
-use crate::field::COMPONENT_CAPACITY;
+use crate::field::{COMPONENT_CAPACITY, FieldValue};
 use crate::frame_map::{FrameMotion, Pose};
-use crate::gaussian_field::{GaussianComponent, GaussianField};
-use crate::gaussian_product::{PoseGaussian, block_diagonal, product, tangent};
-use crate::rotation::{orientation_chart, right_jacobian, rotation_vector};
+use crate::gaussian_field::GaussianField;
+use crate::gaussian_product::{PoseGaussian, block_diagonal, strongest, tangent};
+use crate::lanes::{self, Kernel, LANES, Lanes, Quad};
+use crate::product_quad::{Frame, PoseQuad};
+use crate::rotation::{Chart, orientation_chart};
 use crate::skill::{SkillInertia, SkillValue};
 
 /// Most frames of a skill.
@@ -68,6 +70,8 @@ pub enum ProductSkillError {
 #[derive(Debug, Clone)]
 pub struct ProductSkill<const D: usize> {
     components: Box<[ProductComponent<D>]>,
+    /// The same, as they are evaluated.
+    quads: Box<[SkillQuad<D>]>,
     frame_count: usize,
     /// γ \[s²\].
     metric_scale: f64,
@@ -77,13 +81,31 @@ pub struct ProductSkill<const D: usize> {
     goal_inertia: f64,
 }
 
+/// Four components side by side, one in each lane.
+#[derive(Debug, Clone)]
+struct SkillQuad<const D: usize> {
+    /// What each frame sees.
+    factors: Box<[PoseQuad<D>]>,
+    /// For each lane, the frame that sees the Gaussian of the largest det Λ_p; no pose of the
+    /// frames changes that.
+    strongest: [usize; LANES],
+    /// 1, or 0 in the lanes beyond the last component, which repeat that.
+    presence: Quad,
+    potential: Quad,
+    damping: Quad,
+}
+
 /// What a skill needs between calls: the field of the frames as they were. It belongs to one skill.
 #[derive(Debug, Clone)]
 pub struct ProductState<const D: usize> {
     /// The frames of the field; not finite where there is none, so that they equal no others.
     frames: [Pose; FRAME_CAPACITY],
     goal: Pose,
-    field: Option<GaussianField<D>>,
+    field: GaussianField<D>,
+    /// Whether there is a field.
+    defined: bool,
+    /// Where the factors of a product are put together.
+    factors: [PoseQuad<D>; FRAME_CAPACITY],
 }
 
 /// A moving pose x in the coordinates y of the field: ẏ = J ẋ and ÿ = J (ẍ − b), with ẋ and ẍ on
@@ -104,7 +126,13 @@ impl<const D: usize> ProductState<D> {
     /// A state without a field.
     #[must_use]
     pub fn new() -> Self {
-        Self { frames: [Pose::UNDEFINED; FRAME_CAPACITY], goal: Pose::UNDEFINED, field: None }
+        Self {
+            frames: [Pose::UNDEFINED; FRAME_CAPACITY],
+            goal: Pose::UNDEFINED,
+            field: GaussianField::NONE,
+            defined: false,
+            factors: [PoseQuad::NONE; FRAME_CAPACITY],
+        }
     }
 
     /// The mean of the goal's product for the frames of the last call, in the world; not finite when
@@ -121,7 +149,7 @@ impl<const D: usize> ProductState<D> {
     /// product of the Gaussians.
     #[must_use]
     pub fn field(&self) -> Option<&GaussianField<D>> {
-        self.field.as_ref()
+        self.defined.then_some(&self.field)
     }
 
     /// A moving pose in the coordinates of the field.
@@ -181,8 +209,7 @@ impl<const D: usize> ProductSkill<D> {
                 return Err(ProductSkillError::FrameCount { component: k, frames });
             }
             for (p, gaussian) in component.gaussians.iter().enumerate() {
-                let determinant = Cholesky::new(gaussian.precision).map(|f| f.determinant());
-                if !determinant.is_some_and(f64::is_finite) {
+                if strongest(&[*gaussian]).is_none() {
                     return Err(ProductSkillError::Precision { component: k, frame: p });
                 }
             }
@@ -192,7 +219,9 @@ impl<const D: usize> ProductSkill<D> {
         let trace: f64 =
             goal.gaussians.iter().flat_map(|g| (0..linear).map(|i| g.precision[(i, i)])).sum();
         let goal_inertia = metric_scale * trace / linear as f64;
-        Ok(Self { frame_count, metric_scale, huber_threshold, goal_inertia, components })
+        let quads =
+            components.chunks(LANES).map(|group| SkillQuad::new(group, frame_count)).collect();
+        Ok(Self { frame_count, metric_scale, huber_threshold, goal_inertia, quads, components })
     }
 
     /// Its components, the last of which is the goal's.
@@ -207,58 +236,16 @@ impl<const D: usize> ProductSkill<D> {
         self.frame_count
     }
 
-    /// N(μ̂_k, Σ̂_k) in the world, the product of what the frames see of a component.
-    fn in_world(
-        &self,
-        component: &ProductComponent<D>,
-        frames: &[FrameMotion],
-    ) -> Option<PoseGaussian<D>> {
-        let nothing = PoseGaussian { mean: Pose::IDENTITY, precision: SMatrix::zeros() };
-        let mut factors = [nothing; FRAME_CAPACITY];
-        for ((factor, gaussian), frame) in factors.iter_mut().zip(&component.gaussians).zip(frames)
-        {
-            *factor = gaussian.transformed(&frame.pose);
-        }
-        product(factors.get(..self.frame_count)?)
-    }
-
-    /// Field and goal of these frames; `None` when they are not finite.
-    fn field(&self, frames: &[FrameMotion]) -> Option<(GaussianField<D>, Pose)> {
-        let (last, others) = self.components.split_last()?;
-        let goal = self.in_world(last, frames)?;
-        let charted = |component: &ProductComponent<D>, gaussian: &PoseGaussian<D>| {
-            let rotation = if D == 6 {
-                rotation_vector(goal.mean.orientation.conjugate() * gaussian.mean.orientation)
-            } else {
-                DVec3::ZERO
-            };
-            let change: SMatrix<f64, D, D> =
-                block_diagonal(DMat3::IDENTITY, right_jacobian(rotation));
-            GaussianComponent {
-                mean: tangent(gaussian.mean.position, rotation),
-                precision: change.tr_mul(&(gaussian.precision * change)),
-                potential: component.potential,
-                damping: component.damping,
-            }
-        };
-        let mut components = [charted(last, &goal); COMPONENT_CAPACITY];
-        for (slot, component) in components.iter_mut().zip(others) {
-            *slot = charted(component, &self.in_world(component, frames)?);
-        }
-        let components = components.get(..self.components.len())?;
-        let field = GaussianField::new(components, self.metric_scale, self.huber_threshold).ok()?;
-        Some((field, goal.mean))
-    }
-
     /// Brings the state up to the frames: nothing to do when they are where they were, bit for bit.
     ///
     /// * `frames`  in the order of the skill's frames; of those beyond them nothing is read
     ///
     /// Hot path: no allocation; when a frame has moved, O(K P D³) and the iterations of
-    /// [`product`] for each component.
+    /// [`product`](crate::gaussian_product::product) for each component.
     pub fn update(&self, frames: &[FrameMotion], state: &mut ProductState<D>) {
         let Some(frames) = frames.get(..self.frame_count) else {
-            *state = ProductState::new();
+            state.frames = [Pose::UNDEFINED; FRAME_CAPACITY];
+            (state.defined, state.goal) = (false, Pose::UNDEFINED);
             return;
         };
         if frames.iter().zip(&state.frames).all(|(now, then)| now.pose == *then) {
@@ -267,10 +254,9 @@ impl<const D: usize> ProductSkill<D> {
         for (then, now) in state.frames.iter_mut().zip(frames) {
             *then = now.pose;
         }
-        (state.field, state.goal) = match self.field(frames) {
-            Some((field, goal)) => (Some(field), goal),
-            None => (None, Pose::UNDEFINED),
-        };
+        let goal = lanes::run(Update { skill: self, state });
+        state.defined = goal.is_some();
+        state.goal = goal.unwrap_or(Pose::UNDEFINED);
     }
 
     /// Evaluates the skill for a moving pose.
@@ -298,15 +284,124 @@ impl<const D: usize> ProductSkill<D> {
         state: &mut ProductState<D>,
     ) -> SkillValue {
         self.update(frames, state);
-        let Some(field) = &state.field else {
+        if !state.defined {
             return SkillValue::undefined();
-        };
-        let Coordinates { point, velocity, jacobian, bias } =
-            state.coordinates(pose, linear, angular);
-        let mut value = SkillValue::zero();
+        }
         let scale = inertia.linear_kg / self.goal_inertia;
-        value.add(&field.evaluate(&point, &velocity), &velocity, scale, &jacobian, &bias);
+        let mut value = SkillValue::zero();
+        let chart =
+            (D == 6).then(|| orientation_chart(state.goal.orientation, pose.orientation, angular));
+        let (rotation, rate) =
+            chart.as_ref().map_or((DVec3::ZERO, DVec3::ZERO), |c| (c.rotation, c.velocity));
+        let (point, velocity) = (tangent(pose.position, rotation), tangent(linear, rate));
+        let field = state.field.evaluate(&point, &velocity);
+        pull_back(&field, &velocity, scale, chart.as_ref(), &mut value);
         value
+    }
+}
+
+/// Sets the leaf of the field on \[linear; angular\] of the pose: as [`SkillValue::add`] with
+/// J = diag(I, J_r) of the chart, without the zeros.
+fn pull_back<const D: usize>(
+    field: &FieldValue<D>,
+    velocity: &SVector<f64, D>,
+    scale: f64,
+    chart: Option<&Chart>,
+    value: &mut SkillValue,
+) {
+    value.energy = field.energy(velocity) * scale;
+    let force = field.force(velocity) * scale;
+    let metric = field.metric * scale;
+    let natural = &mut value.natural;
+    for i in 0..D.min(3) {
+        natural.force[i] = force[i];
+        for j in 0..D.min(3) {
+            natural.metric[(i, j)] = metric[(i, j)];
+        }
+    }
+    let (Some(chart), 6) = (chart, D) else { return };
+    let vector = |first: usize| DVec3::new(force[first], force[first + 1], force[first + 2]);
+    let block = |row: usize, column: usize| {
+        DMat3::from_cols_array(&core::array::from_fn(|n| metric[(row + n % 3, column + n / 3)]))
+    };
+    let (jacobian, back) = (chart.jacobian, chart.jacobian.transpose());
+    let drift = jacobian * chart.bias;
+    let (cross, angular) = (block(0, 3) * jacobian, block(3, 3));
+    let linear = vector(0) + block(0, 3) * drift;
+    let turning = back * (vector(3) + angular * drift);
+    let angular = back * angular * jacobian;
+    for i in 0..3 {
+        natural.force[i] = linear[i];
+        natural.force[i + 3] = turning[i];
+        for j in 0..3 {
+            natural.metric[(i, j + 3)] = cross.col(j)[i];
+            natural.metric[(j + 3, i)] = cross.col(j)[i];
+            natural.metric[(i + 3, j + 3)] = angular.col(j)[i];
+        }
+    }
+}
+
+impl<const D: usize> SkillQuad<D> {
+    /// Of one to four components, seen from as many frames.
+    fn new(components: &[ProductComponent<D>], frame_count: usize) -> Self {
+        let mut quad = Self {
+            factors: vec![PoseQuad::NONE; frame_count].into(),
+            strongest: [0; LANES],
+            presence: [0.0; LANES],
+            potential: [0.0; LANES],
+            damping: [0.0; LANES],
+        };
+        for lane in 0..LANES {
+            quad.presence[lane] = f64::from(u8::from(lane < components.len()));
+            let component = &components[lane.min(components.len() - 1)];
+            for (factor, gaussian) in quad.factors.iter_mut().zip(&component.gaussians) {
+                factor.set(lane, gaussian);
+            }
+            quad.strongest[lane] = strongest(&component.gaussians).unwrap_or(0);
+            quad.potential[lane] = component.potential;
+            quad.damping[lane] = component.damping;
+        }
+        quad
+    }
+}
+
+/// The field of the frames of a state, and the mean of its goal; `None` when they are not finite.
+struct Update<'a, const D: usize> {
+    skill: &'a ProductSkill<D>,
+    state: &'a mut ProductState<D>,
+}
+
+impl<const D: usize> Kernel for Update<'_, D> {
+    type Output = Option<Pose>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Option<Pose> {
+        let Self { skill, state } = self;
+        let mut frames = [Frame::new(&Pose::IDENTITY); FRAME_CAPACITY];
+        for (frame, pose) in frames.iter_mut().zip(&state.frames).take(skill.frame_count) {
+            *frame = Frame::new(pose);
+        }
+        let field = &mut state.field;
+        field.count = skill.components.len();
+        field.metric_scale = skill.metric_scale;
+        field.huber_threshold = skill.huber_threshold;
+        // The last group is the first to be evaluated: the goal is the centre of the chart.
+        let mut goal = None;
+        for (quad, result) in skill.quads.iter().zip(&mut field.quads).rev() {
+            for ((factor, frame), moved) in quad.factors.iter().zip(&frames).zip(&mut state.factors)
+            {
+                factor.transform::<L>(frame, moved);
+            }
+            let factors = state.factors.get(..skill.frame_count)?;
+            let (product, determinant) = PoseQuad::product::<L>(factors, &quad.strongest)?;
+            let last = (skill.components.len() - 1) % LANES;
+            let center = goal.get_or_insert_with(|| product.get(last).mean);
+            product.chart::<L>(determinant, center.orientation, result);
+            result.normaliser = (L::load(&result.normaliser) * L::load(&quad.presence)).store();
+            result.potential = quad.potential;
+            result.damping = quad.damping;
+        }
+        goal
     }
 }
 
@@ -630,7 +725,7 @@ mod tests {
     fn the_goal_has_the_wanted_mean_inertia() {
         let (skill, mut state) = (skill::<6>(), ProductState::new());
         skill.update(&frames(), &mut state);
-        let goal = state.field().unwrap().components()[COMPONENTS - 1].precision;
+        let goal = state.field().unwrap().components().last().unwrap().precision;
         let mean = goal.fixed_view::<3, 3>(0, 0).trace() / 3.0 * SCALE;
         assert!((mean - skill.goal_inertia).abs() < 1e-12 * mean);
     }
@@ -657,6 +752,23 @@ mod tests {
         assert!(resolves(&frames()));
         assert!(!resolves(&lost));
         assert!(resolves(&frames()));
+    }
+
+    #[test]
+    fn every_machine_gives_the_same_bits() {
+        let skill = skill::<6>();
+        let fields = [false, true].map(|portable| {
+            let mut state = ProductState::new();
+            for (own, frame) in state.frames.iter_mut().zip(frames()) {
+                *own = frame.pose;
+            }
+            let update = Update { skill: &skill, state: &mut state };
+            let goal = if portable { lanes::run_portable(update) } else { lanes::run(update) };
+            let components: Vec<_> = state.field.components().collect();
+            (goal, components, state.field.quads.map(|quad| quad.normaliser))
+        });
+        assert_eq!(fields[0], fields[1]);
+        assert!(fields[0].0.is_some());
     }
 
     #[test]

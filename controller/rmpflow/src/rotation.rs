@@ -10,7 +10,7 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::jet::{Jet, Quat, Vec3};
+use crate::jet::Quat;
 
 /// The rotation vector of the shorter way round, |r| ≤ π \[rad\].
 #[must_use]
@@ -94,19 +94,81 @@ pub struct Chart {
 
 /// Charts an orientation that turns with `angular` \[rad/s\] by the rotation vector from the
 /// goal, |r| < π.
+///
+/// ```text
+/// J_l  = I + a \[r\]ₓ + b \[r\]ₓ²          a = (1 − cos θ)/θ²     b = (θ − sin θ)/θ³
+/// J_l⁻¹ = I − ½ \[r\]ₓ + c \[r\]ₓ²         c = (1 − ½ θ cot ½θ)/θ²
+/// ```
+///
+/// and the bias is J̇_l ṙ; derivatives of a and b are those by s = θ².
 #[must_use]
 pub fn orientation_chart(goal: DQuat, orientation: DQuat, angular: DVec3) -> Chart {
-    let rotation = rotation_vector(goal.conjugate() * orientation);
-    let jacobian = inverse_left_jacobian(rotation) * DMat3::from_quat(goal.conjugate());
+    let relative = goal.conjugate() * orientation;
+    let relative = if relative.w < 0.0 { -relative } else { relative };
+    let rotation = rotation_vector(relative);
+    let squared = rotation.length_squared();
+    // cos ½θ, and sin(½θ)/θ.
+    let cosine = relative.w;
+    let (b, c, a_slope, b_slope) = if squared < 0.05 {
+        // Power series: what is left out is below 1e-16.
+        let s = squared;
+        let series = |[c0, c1, c2, c3, c4, c5]: [f64; 6]| {
+            c0 - s * (c1 - s * (c2 - s * (c3 - s * (c4 - s * c5))))
+        };
+        (
+            series([6.0, 120.0, 5040.0, 362_880.0, 39_916_800.0, 6_227_020_800.0].map(f64::recip)),
+            1.0 / 12.0
+                + s * (1.0 / 720.0
+                    + s * (1.0 / 30_240.0
+                        + s * (1.0 / 1_209_600.0
+                            + s * (1.0 / 47_900_160.0 + s * (691.0 / 1_307_674_368_000.0))))),
+            -series([
+                1.0 / 24.0,
+                2.0 / 720.0,
+                3.0 / 40_320.0,
+                4.0 / 3_628_800.0,
+                5.0 / 479_001_600.0,
+                6.0 / 87_178_291_200.0,
+            ]),
+            -series([
+                1.0 / 120.0,
+                2.0 / 5040.0,
+                3.0 / 362_880.0,
+                4.0 / 39_916_800.0,
+                5.0 / 6_227_020_800.0,
+                6.0 / 1_307_674_368_000.0,
+            ]),
+        )
+    } else {
+        let half_sine_share = relative.xyz().length() / squared.sqrt();
+        let sine_share = 2.0 * cosine * half_sine_share;
+        let inverse = 1.0 / squared;
+        let a = 2.0 * half_sine_share * half_sine_share;
+        let b = (1.0 - sine_share) * inverse;
+        (
+            b,
+            (1.0 - 0.5 * cosine / half_sine_share) * inverse,
+            (0.5 * sine_share - a) * inverse,
+            (0.5 * a - 1.5 * b) * inverse,
+        )
+    };
+    let cross = skew(rotation);
+    let inverse = DMat3::IDENTITY - cross * 0.5 + cross * cross * c;
+    let to_world = DMat3::from_quat(goal);
+    let jacobian = inverse * to_world.transpose();
     let velocity = jacobian * angular;
-    let path = Quat::exp(Vec3::moving(rotation, velocity, DVec3::ZERO));
-    let bias = Quat::<Jet>::constant(goal).times(path).angular_motion().1;
-    Chart { rotation, velocity, jacobian, bias }
+    let sideways = rotation.cross(velocity);
+    let growth = 2.0 * rotation.dot(velocity);
+    let bend = sideways * (a_slope * growth)
+        + rotation.cross(sideways) * (b_slope * growth)
+        + velocity.cross(sideways) * b;
+    Chart { rotation, velocity, jacobian, bias: to_world * bend }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::jet::{Jet, Vec3};
     use proptest::prelude::*;
 
     fn vector(length_max: f64) -> impl Strategy<Value = DVec3> {
@@ -175,6 +237,30 @@ mod tests {
             prop_assert!((right_jacobian(r) * v - expected).length() < 1e-9);
             let back = inverse_right_jacobian(r) * (right_jacobian(r) * v);
             prop_assert!((back - v).length() < 1e-12);
+        }
+    }
+
+    /// The chart along a rotation vector that moves steadily, by second-order jets.
+    #[test]
+    fn a_chart_is_what_its_jets_say() {
+        let goal = DQuat::from_scaled_axis(DVec3::new(0.4, -0.7, 1.1));
+        let axis = DVec3::new(0.6, 0.48, -0.64);
+        let angular = DVec3::new(0.9, -0.3, 0.5);
+        let limit = 0.05_f64.sqrt();
+        for angle in [0.0, 1e-12, 1e-6, 1e-3, 0.1, limit - 1e-9, limit + 1e-9, 0.3, 1.0, 2.5, 3.1] {
+            for sign in [1.0, -1.0] {
+                let orientation = goal * DQuat::from_scaled_axis(axis * angle) * sign;
+                let chart = orientation_chart(goal, orientation, angular);
+                assert!((chart.rotation - axis * angle).length() < 1e-13);
+                let path = Quat::exp(Vec3::moving(chart.rotation, chart.velocity, DVec3::ZERO));
+                let (rate, bias) = Quat::<Jet>::constant(goal).times(path).angular_motion();
+                assert!((rate - angular).length() < 1e-11, "{angle}");
+                assert!((chart.bias - bias).length() < 1e-11, "{angle}");
+                assert!((chart.jacobian * angular - chart.velocity).length() < 1e-15);
+                let expected = inverse_left_jacobian(chart.rotation);
+                let expected = expected * DMat3::from_quat(goal.conjugate());
+                assert!(chart.jacobian.abs_diff_eq(expected, 1e-11), "{angle}");
+            }
         }
     }
 

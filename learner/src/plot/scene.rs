@@ -211,8 +211,8 @@ fn products<const D: usize>(
 ) -> Vec<Ellipsoid> {
     let mut state = ProductState::new();
     skill.update(frames, &mut state);
-    let components = state.field().map_or(&[][..], GaussianField::components);
-    let ellipsoid = |(component, gaussian): (&GaussianComponent<D>, &Ellipsoid)| {
+    let components = state.field().into_iter().flat_map(GaussianField::components);
+    let ellipsoid = |(component, gaussian): (GaussianComponent<D>, &Ellipsoid)| {
         let covariance = component.precision.try_inverse()?;
         let mut ellipsoid =
             Ellipsoid { mean: DVec3::ZERO, covariance: DMat3::ZERO, phase: gaussian.phase };
@@ -224,7 +224,7 @@ fn products<const D: usize>(
         }
         Some(ellipsoid)
     };
-    components.iter().zip(gaussians).filter_map(ellipsoid).collect()
+    components.zip(gaussians).filter_map(ellipsoid).collect()
 }
 
 /// f = −∇Φ − ξ − B ẋ with ξ quadratic in ẋ: at rest it is −∇Φ, and half the difference of f for
