@@ -557,7 +557,10 @@ mod tests {
             let y = Vector3::new((s * 0.7).sin(), (s * 1.3).cos(), 0.5 * (s * 0.31).sin()) * 2.0;
             let velocity = Vector3::new((s * 0.9).cos(), 0.6 * (s * 0.5).sin(), 0.8 - 0.03 * s);
             let kernel = || Evaluation { field: &field, y: &y, velocity: &velocity };
-            assert_eq!(lanes::run(kernel()), lanes::run_portable(kernel()));
+            let parts =
+                |v: FieldValue<3>| (v.potential, v.gradient, v.metric, v.curvature, v.damping);
+            let (here, anywhere) = (lanes::run(kernel()), lanes::run_portable(kernel()));
+            assert_eq!(parts(here), parts(anywhere));
             let kernel = || Weights { field: &field, y: &y };
             assert_eq!(lanes::run(kernel()), lanes::run_portable(kernel()));
         }

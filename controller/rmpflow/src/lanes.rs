@@ -166,12 +166,11 @@ pub(crate) fn sums<L: Lanes, const D: usize>(rows: &[L; D]) -> SVector<f64, D> {
     let mut result = SVector::zeros();
     for first in (0..D).step_by(LANES) {
         let mut group = [L::zero(); LANES];
-        for i in first..D.min(first + LANES) {
-            group[i - first] = rows[i];
+        for (lanes, row) in group.iter_mut().zip(&rows[first..]) {
+            *lanes = *row;
         }
-        let sums = L::sums(group);
-        for i in first..D.min(first + LANES) {
-            result[i] = sums[i - first];
+        for (i, sum) in L::sums(group).into_iter().enumerate().take(D - first) {
+            result[first + i] = sum;
         }
     }
     result

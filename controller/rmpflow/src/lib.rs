@@ -21,6 +21,8 @@
 //! # Ok::<(), tprmp_rmpflow::natural::ResolveError>(())
 //! ```
 
+#![allow(clippy::needless_range_loop, reason = "formulas with matrices are written with indices")]
+
 pub mod field;
 pub mod frame_map;
 pub mod gaussian_field;

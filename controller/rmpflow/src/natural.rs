@@ -1,6 +1,6 @@
 //! Policies in natural form, and the algebra that composes them  [thesis section 3.3].
 
-use nalgebra::{Cholesky, SMatrix, SVector};
+use nalgebra::{SMatrix, SVector};
 
 /// A policy M ẍ = f on a space of dimension N.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,15 +57,39 @@ impl<const N: usize> Natural<N> {
         self.metric += jacobian.tr_mul(&weighted);
     }
 
-    /// The acceleration a = M⁻¹ f, by Cholesky decomposition.
+    /// The acceleration a = M⁻¹ f, by the decomposition M = L D Lᵀ.
+    ///
+    /// Hot path: no allocation, O(N³).
     ///
     /// # Errors
     /// When M is not positive definite or f is not finite: the caller decides what is safe.
     pub fn resolve(&self) -> Result<SVector<f64, N>, ResolveError> {
-        let factor = Cholesky::new(self.metric).ok_or(ResolveError::MetricNotPositiveDefinite)?;
-        let acceleration = factor.solve(&self.force);
-        if acceleration.iter().all(|a| a.is_finite()) {
-            Ok(acceleration)
+        // Below the diagonal the columns become those of L D.
+        let mut columns = self.metric.data.0;
+        let mut inverse = [0.0; N];
+        let mut x = self.force.data.0[0];
+        for j in 0..N {
+            let pivot = columns[j][j];
+            if !(pivot > 0.0 && pivot.is_finite()) {
+                return Err(ResolveError::MetricNotPositiveDefinite);
+            }
+            inverse[j] = 1.0 / pivot;
+            for k in j + 1..N {
+                let share = columns[j][k] * inverse[j];
+                x[k] -= share * x[j];
+                for i in k..N {
+                    columns[k][i] -= share * columns[j][i];
+                }
+            }
+        }
+        for j in (0..N).rev() {
+            for k in j + 1..N {
+                x[j] -= columns[j][k] * x[k];
+            }
+            x[j] *= inverse[j];
+        }
+        if x.iter().all(|a| a.is_finite()) {
+            Ok(SVector::from(x))
         } else {
             Err(ResolveError::ForceNotFinite)
         }

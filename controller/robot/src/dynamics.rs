@@ -6,6 +6,7 @@ use nalgebra::{Cholesky, SMatrix, SVector};
 use crate::chain::{Chain, JointKind};
 use crate::inertia::SpatialInertia;
 use crate::kinematics::{joint_pose, joint_poses};
+use crate::trigonometry::sin_cos;
 
 /// Why the dynamics have no answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -33,6 +34,7 @@ pub fn inverse_dynamics<const N: usize>(
     q_dd: &SVector<f64, N>,
     gravity: DVec3,
 ) -> SVector<f64, N> {
+    let (sines, cosines) = sin_cos(&q.data.0[0]);
     let mut rotations = [DMat3::IDENTITY; N];
     let mut positions = [DVec3::ZERO; N];
     let mut forces = [DVec3::ZERO; N];
@@ -41,7 +43,8 @@ pub fn inverse_dynamics<const N: usize>(
     let (mut omega, mut alpha, mut acceleration) = (DVec3::ZERO, DVec3::ZERO, -gravity);
     for i in 0..N {
         let joint = &chain.joints[i];
-        let (rotation, p) = joint_pose(joint.kind, &joint.rotation, joint.position, q[i]);
+        let (rotation, p) = joint_pose(joint, q[i], sines[i], cosines[i]);
+        (rotations[i], positions[i]) = (rotation, p);
         acceleration += alpha.cross(p) + omega.cross(omega.cross(p));
         omega = turn_back(&rotation, omega);
         alpha = turn_back(&rotation, alpha);
@@ -64,7 +67,6 @@ pub fn inverse_dynamics<const N: usize>(
         forces[i] = body.mass * acceleration + alpha.cross(h) + omega.cross(omega.cross(h));
         moments[i] =
             body.inertia * alpha + omega.cross(body.inertia * omega) + h.cross(acceleration);
-        (rotations[i], positions[i]) = (rotation, p);
     }
 
     let mut torques = SVector::zeros();
@@ -97,7 +99,8 @@ pub fn gravity_torques<const N: usize>(
     q: &SVector<f64, N>,
     gravity: DVec3,
 ) -> SVector<f64, N> {
-    let (rotations, positions) = joint_poses(chain, q);
+    let (mut rotations, mut positions) = ([DMat3::IDENTITY; N], [DVec3::ZERO; N]);
+    joint_poses(chain, q, &mut rotations, &mut positions);
     let mut torques = SVector::zeros();
     let (mut mass, mut first_moment) = (0.0, DVec3::ZERO);
     for i in (0..N).rev() {
@@ -122,7 +125,8 @@ pub fn gravity_torques<const N: usize>(
 ///
 /// Hot path: no allocation, no panic, O(N²).
 pub fn mass_matrix<const N: usize>(chain: &Chain<N>, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
-    let (rotations, positions) = joint_poses(chain, q);
+    let (mut rotations, mut positions) = ([DMat3::IDENTITY; N], [DVec3::ZERO; N]);
+    joint_poses(chain, q, &mut rotations, &mut positions);
     let mut mass_matrix = SMatrix::zeros();
     let mut composite = SpatialInertia::ZERO;
     for i in (0..N).rev() {

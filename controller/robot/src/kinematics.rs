@@ -3,7 +3,8 @@
 use glam::{DMat3, DQuat, DVec3};
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
-use crate::chain::{Chain, JointKind};
+use crate::chain::{Chain, JointKind, JointModel};
+use crate::trigonometry::sin_cos;
 
 /// Workspace and result of the forward kinematics. Everything is expressed in `B`.
 ///
@@ -107,44 +108,37 @@ impl<const N: usize> Default for Kinematics<N> {
 }
 
 /// The joint's rotation at `q` [rad or m] in the frame before it, and its origin there [m].
-#[inline]
-pub(crate) fn joint_pose(
-    kind: JointKind,
-    rotation: &DMat3,
-    position: DVec3,
-    q: f64,
-) -> (DMat3, DVec3) {
+///
+/// * `sin`, `cos`  of q; not read for a prismatic joint
+#[inline(always)]
+pub(crate) fn joint_pose(joint: &JointModel, q: f64, sin: f64, cos: f64) -> (DMat3, DVec3) {
+    let JointModel { kind, rotation, position, .. } = joint;
     match kind {
         JointKind::Revolute => {
-            let (sin, cos) = q.sin_cos();
             let (x, y) = (rotation.x_axis, rotation.y_axis);
-            (DMat3::from_cols(cos * x + sin * y, cos * y - sin * x, rotation.z_axis), position)
+            let turned = DMat3::from_cols(cos * x + sin * y, cos * y - sin * x, rotation.z_axis);
+            (turned, *position)
         }
-        JointKind::Prismatic => (*rotation, position + q * rotation.z_axis),
+        JointKind::Prismatic => (*rotation, *position + q * rotation.z_axis),
     }
 }
 
 /// R_BJ and p_BJ of all joint frames at `q`.
-#[inline]
+#[inline(always)]
 pub(crate) fn joint_poses<const N: usize>(
     chain: &Chain<N>,
     q: &SVector<f64, N>,
-) -> ([DMat3; N], [DVec3; N]) {
-    let mut rotations = [DMat3::IDENTITY; N];
-    let mut positions = [DVec3::ZERO; N];
+    rotations: &mut [DMat3; N],
+    positions: &mut [DVec3; N],
+) {
+    let (sines, cosines) = sin_cos(&q.data.0[0]);
     let (mut rotation_before, mut position_before) = (DMat3::IDENTITY, DVec3::ZERO);
     for i in 0..N {
-        let joint = &chain.joints[i];
-        let (rotation, position) = joint_pose(
-            joint.kind,
-            &(rotation_before * joint.rotation),
-            position_before + rotation_before * joint.position,
-            q[i],
-        );
-        (rotations[i], positions[i]) = (rotation, position);
-        (rotation_before, position_before) = (rotation, position);
+        let (rotation, position) = joint_pose(&chain.joints[i], q[i], sines[i], cosines[i]);
+        position_before += rotation_before * position;
+        rotation_before *= rotation;
+        (rotations[i], positions[i]) = (rotation_before, position_before);
     }
-    (rotations, positions)
 }
 
 /// Poses and tool Jacobian at `q`, of an arm at rest: twist, J̇q̇ and all velocities become zero.
@@ -218,7 +212,8 @@ pub fn forward_kinematics_with_velocity<const N: usize>(
 /// The part of the forward kinematics that needs no velocity.
 #[inline]
 fn place<const N: usize>(chain: &Chain<N>, q: &SVector<f64, N>, kinematics: &mut Kinematics<N>) {
-    let (rotations, positions) = joint_poses(chain, q);
+    let Kinematics { joint_rotations: rotations, joint_positions: positions, .. } = kinematics;
+    joint_poses(chain, q, rotations, positions);
     let (rotation, position) = match (rotations.last(), positions.last()) {
         (Some(rotation), Some(position)) => (*rotation, *position),
         _ => (DMat3::IDENTITY, DVec3::ZERO),
@@ -231,8 +226,6 @@ fn place<const N: usize>(chain: &Chain<N>, q: &SVector<f64, N>, kinematics: &mut
     }
     kinematics.tool_position = tool;
     kinematics.tool_rotation = rotation * chain.tool_rotation;
-    kinematics.joint_rotations = rotations;
-    kinematics.joint_positions = positions;
 }
 
 /// Column of a Jacobian for the point at `r` [m] from the joint frame, z the joint's axis:

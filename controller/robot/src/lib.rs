@@ -49,6 +49,7 @@ mod dynamics;
 mod error;
 mod inertia;
 mod kinematics;
+mod trigonometry;
 mod urdf;
 
 pub use chain::{Chain, CollisionGeometry, CollisionShape, JointKind};
