@@ -134,7 +134,7 @@ impl Forces {
                 let term = |(component, activation)| {
                     // The potential of a component is that of a field which has no other.
                     let alone = GaussianField::new(
-                        std::slice::from_ref(component),
+                        std::slice::from_ref(&component),
                         field.metric_scale(),
                         *huber_threshold,
                     );
@@ -148,7 +148,7 @@ impl Forces {
                         slope: alone.gradient,
                     }
                 };
-                field.components().iter().zip(weights).map(term).collect()
+                field.components().zip(weights).map(term).collect()
             }
         }
     }
