@@ -2,11 +2,13 @@
 # make demo-planar   the same in the plane, without Python
 # make test          set everything up and pass all tests
 # make bench         measure one evaluation of the policy, and training
+# make soak          run a controller for MINUTES=10 beside a simulator that is killed and started again
 # make lint          formatting and static checks
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 
 SEED ?= 1
+MINUTES ?= 10
 # The first Python that pybullet has packages for; `make PYTHON=/path/to/python3.11` chooses one.
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.10 python3.9,$(if $(shell $(p) -c '' 2>/dev/null && echo yes),$(p))) python3)
 CARGO ?= cargo
@@ -15,7 +17,7 @@ BIN := target/release
 VENV := target/venv
 BRIDGE := $(VENV)/bin/sim-bridge
 
-.PHONY: help demo demo-planar test bench lint build venv seed clean
+.PHONY: help demo demo-planar test bench soak lint build venv seed clean
 
 help:
 	@sed -n '/^# make/s/^# //p' Makefile
@@ -78,6 +80,8 @@ demo-planar: seed build
 test: build venv
 	@echo '== Rust tests, of several processes too'
 	$(CARGO) test --release --locked --workspace
+	@echo '== the loop allocates nothing in a debug build either'
+	$(CARGO) test --locked -p tprmp-controller --test allocation
 	@echo '== Python tests'
 	$(VENV)/bin/python -m pytest -q sim-bridge/tests
 
@@ -87,6 +91,13 @@ bench: build
 	    $(BIN)/learner train config/skills/$$skill.ron --out target/bench/$$skill.model.ron > /dev/null || exit 1; done
 	$(CARGO) bench --locked --bench evaluation
 	$(CARGO) bench --locked --bench training
+
+soak: seed build
+	@rm -rf target/soak && mkdir -p target/soak
+	@$(BIN)/learner train config/skills/planar.ron --out target/soak/planar.model.ron > /dev/null
+	$(BIN)/controller soak config/controllers/planar.ron --model target/soak/planar.model.ron \
+	    --minutes $(MINUTES) --seed $(SEED) --out target/soak -- \
+	    $(BIN)/planar-sim run --seed {seed} --out target/soak/run --instance soak
 
 lint: venv
 	@echo '== lint'

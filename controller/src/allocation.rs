@@ -1,28 +1,24 @@
-//! Counts heap allocations of the loop's thread, in every build.
+//! Counts heap allocations of a thread, in every build.
 
 use core::cell::Cell;
-use core::sync::atomic::{AtomicU64, Ordering};
 use std::alloc::{GlobalAlloc, Layout, System};
 
-static COUNT: AtomicU64 = AtomicU64::new(0);
-
 thread_local! {
-    static COUNTING: Cell<bool> = const { Cell::new(false) };
+    static COUNTED: Cell<u64> = const { Cell::new(0) };
 }
 
-/// The system's allocator, which counts allocations of threads that asked for it.
+/// The system's allocator, which counts each thread's allocations.
 #[derive(Debug)]
 pub struct CountingAllocator;
 
 fn count() {
-    if COUNTING.try_with(Cell::get).unwrap_or(false) {
-        COUNT.fetch_add(1, Ordering::Relaxed);
-    }
+    // A thread that ends has no counter any more, and nobody who would ask for it.
+    let _ = COUNTED.try_with(|counted| counted.set(counted.get() + 1));
 }
 
 #[expect(unsafe_code, reason = "a global allocator is an unsafe trait; every call is forwarded")]
 // SAFETY: every call is forwarded to the system's allocator unchanged; counting does not allocate,
-// since the flag is a constant-initialised thread local without a destructor.
+// since the counter is a constant-initialised thread local without a destructor.
 unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count();
@@ -45,13 +41,8 @@ unsafe impl GlobalAlloc for CountingAllocator {
     }
 }
 
-/// Starts or ends the counting of this thread's allocations.
-pub fn count_this_thread(counting: bool) {
-    COUNTING.with(|flag| flag.set(counting));
-}
-
-/// Allocations counted so far.
+/// Allocations of the calling thread so far; 0 in a program with another allocator.
 #[must_use]
 pub fn counted() -> u64 {
-    COUNT.load(Ordering::Relaxed)
+    COUNTED.with(Cell::get)
 }

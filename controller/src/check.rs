@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use tprmp_messages::{SHARED_MEMORY_MIN_BYTES, free_shared_memory_bytes};
-use tprmp_model::controller_config::{self, ControllerConfig};
+use tprmp_model::controller_config::{self, ControllerConfig, Grant, RealTime};
 
 use crate::realtime;
 use crate::startup::{self, StartError, WithRobot};
@@ -74,29 +74,7 @@ impl WithRobot for Describe<'_> {
 
 /// Tries on this thread what the loop would ask for, and looks at what it depends on.
 fn check_machine(config: &ControllerConfig) {
-    let priority = config.real_time.fifo_priority.unwrap_or(80);
-    match realtime::fifo(priority) {
-        Ok(()) => line("ok", "scheduling", &format!("SCHED_FIFO priority {priority} is granted")),
-        Err(error) => line(
-            "lack",
-            "scheduling",
-            &format!(
-                "SCHED_FIFO is refused ({error}): add `<user> - rtprio 99` to \
-                 /etc/security/limits.conf and log in again, or give the binary CAP_SYS_NICE"
-            ),
-        ),
-    }
-    match realtime::lock_memory() {
-        Ok(()) => line("ok", "locked memory", "mlockall is granted"),
-        Err(error) => line(
-            "lack",
-            "locked memory",
-            &format!(
-                "mlockall is refused ({error}): add `<user> - memlock unlimited` to \
-                 /etc/security/limits.conf and log in again"
-            ),
-        ),
-    }
+    check_grants(&config.real_time);
     let free = free_shared_memory_bytes();
     if free >= SHARED_MEMORY_MIN_BYTES {
         line("ok", "shared memory", &format!("{} MiB free in /dev/shm", free >> 20));
@@ -139,6 +117,41 @@ fn check_machine(config: &ControllerConfig) {
                       for a loop that sleeps"
             ),
         ),
+    }
+}
+
+/// Asks for everything that a loop could want, whether this configuration wants it or not.
+fn check_grants(config: &RealTime) {
+    let wanted = RealTime {
+        fifo_priority: config.fifo_priority.or(Some(80)),
+        lock_memory: true,
+        cpu_latency_max_us: config.cpu_latency_max_us.or(Some(0)),
+        ..config.clone()
+    };
+    let granted = realtime::set_up(&wanted);
+    let core = wanted.cpu.map(|cpu| format!("the loop may be kept on core {cpu}"));
+    let priority = wanted.fifo_priority.unwrap_or_default();
+    for (grant, what, good) in [
+        (
+            Grant::FifoPriority,
+            "scheduling",
+            Some(format!("SCHED_FIFO priority {priority} is granted")),
+        ),
+        (Grant::Cpu, "core", core),
+        (Grant::LockMemory, "locked memory", Some("mlockall is granted".into())),
+        (
+            Grant::CpuLatency,
+            "core sleep",
+            Some("/dev/cpu_dma_latency may be held: cores do not sleep deeply".into()),
+        ),
+    ] {
+        let refusal = granted.refused.iter().find(|refusal| refusal.grant == grant);
+        let required = if config.required.contains(&grant) { "required, but " } else { "" };
+        match (refusal, good) {
+            (Some(refusal), _) => line("lack", what, &format!("{required}{refusal}")),
+            (None, Some(good)) => line("ok", what, &good),
+            (None, None) => {}
+        }
     }
 }
 

@@ -1,14 +1,13 @@
 //! The hard loop. One function owns its course: wait, read, check, evaluate, limit, publish, record.
 //!
 //! In steady state a cycle allocates nothing, takes no lock, logs nothing and makes no system call
-//! but its sleep. A publisher or subscriber that appears costs allocations once: iceoryx2 connects
-//! to it in the slack after publishing, or in the first exchange.
+//! but its sleep. A peer that appears costs allocations once: it is connected to in the slack after
+//! publishing, or before the loop spins towards its schedule. Where it appears in between, the next
+//! exchange of messages connects to it. All of it is counted apart.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 
-use glam::DVec3;
-use nalgebra::SVector;
 use tprmp_messages::{
     CommandMode, ControllerPorts, ControllerStatus, GripperState, JOINT_CAPACITY, JointCommand,
     LifeCycle, Reason, RobotState, Sample, TaskFrames,
@@ -19,45 +18,34 @@ use crate::allocation;
 use crate::inputs::{JointState, Scene, check_state, jumps, within_position_limits};
 use crate::limits::JointLimits;
 use crate::monitor::Board;
+use crate::motion::{Motion, Setpoint};
+use crate::overruns::Overruns;
+use crate::pacing::{Arrivals, POLL_NS, Pace, Schedule, Wake};
 use crate::policy::{Policy, TaskParameters, Workspace};
-use crate::realtime::{monotonic_ns, sleep_until};
+use crate::realtime::{PageFaults, monotonic_ns, sleep_until, spin_until};
 use crate::task::{Course, Remaining};
-use crate::telemetry::{Telemetry, TickTimes};
-use crate::tracking::{Reference, braking, torques};
+use crate::telemetry::{Connections, Telemetry, Tick, TickTimes};
 
-/// Pause between two looks for a new state \[ns\].
-const POLL_NS: u64 = 20_000;
 /// Pause between two looks for the first state and frames \[ns\].
 const CONNECT_POLL_NS: u64 = 1_000_000;
 /// In lockstep, a stop waits this long for the publisher's next state \[ns\].
 const LAST_STATE_NS: u64 = 200_000_000;
 /// With `until_done`, the task has to stay done for so long \[ns\].
 const DONE_NS: u64 = 1_000_000_000;
-/// A reference slower than this is at rest [rad/s or m/s].
-const REFERENCE_REST: f64 = 1e-9;
-/// A measured arm slower than this is at rest [rad/s or m/s].
-const MEASURED_REST: f64 = 1e-2;
 /// In lockstep, a publisher that is silent for so long has left [ns].
 const LOCKSTEP_PATIENCE_NS: u64 = 30_000_000_000;
 /// Most time one tick integrates over, whatever was missed \[s\].
 const STEP_MAX_S: f64 = 0.02;
-
-/// What paces the loop, and which clock it believes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Pace {
-    /// `CLOCK_MONOTONIC`, woken as configured.
-    RealTime(Trigger),
-    /// One tick a state, on the clock of the states: exact whatever the machine's load.
-    Lockstep,
-}
 
 /// How a run ended.
 #[derive(Debug, Clone, Copy)]
 pub struct Ending {
     /// Where the task stood before the stop.
     pub life_cycle: LifeCycle,
-    /// Heap allocations inside the loop.
+    /// Heap allocations inside the loop, without those that connected a peer.
     pub allocations: u64,
+    /// Page faults inside the loop, `None` where the system does not tell.
+    pub page_faults: Option<PageFaults>,
 }
 
 /// The loop and all it needs, allocated before it starts.
@@ -65,31 +53,31 @@ pub struct Ending {
 pub struct Cycle<const N: usize> {
     policy: Policy<N>,
     workspace: Workspace<N>,
-    limits: JointLimits<N>,
     config: ControllerConfig,
-    gravity_m_s2: DVec3,
     pace: Pace,
     until_done: bool,
+    schedule: Schedule,
+    arrivals: Arrivals,
+    overruns: Overruns,
+
     state: Option<Sample<RobotState>>,
     frames: Option<Sample<TaskFrames>>,
     scene: Scene,
     scene_check: Result<(), Reason>,
     sequence_went_back: bool,
+    last_measured: Option<(JointState<N>, u64)>,
 
     course: Course,
-    reference: Option<Reference<N>>,
-    last_measured: Option<(JointState<N>, u64)>,
-    holding: bool,
-    /// Whether the arm was out of sight: it may be elsewhere than the reference.
-    lost: bool,
-    fade_s: f64,
-    overruns_in_a_row: u32,
+    motion: Motion<N>,
+    /// Why the arm is being brought to rest. The policy is not followed before it rests.
+    braking_for: Option<Reason>,
     progress: Progress,
 
     command: JointCommand,
     status: ControllerStatus,
     telemetry: Telemetry,
     board: Arc<Board>,
+    allocations_before: u64,
     /// Dropped last: a sample that is still held would keep its shared memory in use.
     ports: ControllerPorts,
 }
@@ -103,21 +91,6 @@ struct Progress {
     done_since_ns: Option<u64>,
 }
 
-/// Why and when the loop woke up.
-#[derive(Debug, Clone, Copy)]
-struct Wake {
-    /// On the loop's clock \[ns\].
-    now_ns: u64,
-    /// On `CLOCK_MONOTONIC` \[ns\].
-    woke_ns: u64,
-    /// By then the command has to be out, on `CLOCK_MONOTONIC` \[ns\].
-    deadline_ns: u64,
-    /// How late \[ns\].
-    late_ns: u64,
-    /// Periods that passed without a tick.
-    skipped: u64,
-}
-
 impl<const N: usize> Cycle<N> {
     /// Puts a loop together. Allocates: at start-up only.
     #[must_use]
@@ -129,11 +102,14 @@ impl<const N: usize> Cycle<N> {
         until_done: bool,
         ports: ControllerPorts,
     ) -> Self {
-        let command = JointCommand { joint_count: N as u32, ..Default::default() };
+        let limits = JointLimits::new(policy.chain(), &config.robot);
+        let cycle = &config.cycle;
         Self {
-            limits: JointLimits::new(policy.chain(), &config.robot),
             workspace: Workspace::new(),
-            gravity_m_s2: config.robot.gravity_m_s2.into(),
+            schedule: Schedule::new(cycle.period_ns, 0),
+            arrivals: Arrivals::new(cycle.period_ns, cycle.spin_ns, 0),
+            overruns: Overruns::new(cycle.overruns_in_a_row_max),
+            motion: Motion::new(limits, &config),
             course: Course::new(config.lift, config.done, policy.turns()),
             policy,
             config,
@@ -145,22 +121,19 @@ impl<const N: usize> Cycle<N> {
             scene,
             scene_check: Err(Reason::FrameMissing),
             sequence_went_back: false,
-            reference: None,
             last_measured: None,
-            holding: true,
-            lost: true,
-            fade_s: 0.0,
-            overruns_in_a_row: 0,
+            braking_for: None,
             progress: Progress {
                 life_cycle: LifeCycle::Waiting,
                 remaining: Remaining { distance_m: f64::INFINITY, angle_rad: f64::INFINITY },
                 energy: 0.0,
                 done_since_ns: None,
             },
-            command,
+            command: JointCommand { joint_count: N as u32, ..Default::default() },
             status: ControllerStatus::default(),
             telemetry: Telemetry::new(),
             board: Arc::default(),
+            allocations_before: 0,
         }
     }
 
@@ -179,23 +152,36 @@ impl<const N: usize> Cycle<N> {
     /// Runs until `stop` is set, or the task is done where that was asked for; then brings the
     /// arm to rest and publishes a last command.
     pub fn run(&mut self, stop: &AtomicBool) -> Ending {
+        self.allocations_before = allocation::counted();
+        let mut page_faults = None;
         if self.connect(stop) {
-            allocation::count_this_thread(true);
+            let before = PageFaults::of_this_thread();
+            self.allocations_before = allocation::counted();
+            self.telemetry.connections = Connections::default();
             self.run_connected(stop);
-            allocation::count_this_thread(false);
+            let after = PageFaults::of_this_thread();
+            page_faults = before.zip(after).map(|(before, after)| after.since(&before));
         }
-        Ending { life_cycle: self.progress.life_cycle, allocations: allocation::counted() }
+        Ending {
+            life_cycle: self.progress.life_cycle,
+            allocations: self.allocations(),
+            page_faults,
+        }
     }
 
     fn run_connected(&mut self, stop: &AtomicBool) {
         let start_ns = monotonic_ns();
-        let mut scheduled_ns = start_ns;
+        let cycle = &self.config.cycle;
+        self.schedule = Schedule::new(cycle.period_ns, start_ns);
+        self.arrivals = Arrivals::new(cycle.period_ns, cycle.spin_ns, start_ns);
         let mut last_ns = None;
         let mut stopping_since_ns = None;
-        while let Some(wake) = self.wait(&mut scheduled_ns, stop) {
+        while let Some(wake) = self.wait(stop) {
             let dt = self.elapsed_s(last_ns, wake.now_ns);
             last_ns = Some(wake.now_ns);
             self.read();
+            let read_ns = monotonic_ns();
+            self.notice_a_gap(&wake);
 
             let done_ns =
                 self.progress.done_since_ns.map(|since| wake.now_ns.saturating_sub(since));
@@ -213,13 +199,17 @@ impl<const N: usize> Cycle<N> {
             let followed = permitted.and_then(|state| self.follow_policy(&state, dt, wake.now_ns));
             let (mode, reason) = match followed {
                 Ok(()) => (CommandMode::Track, Reason::None),
-                Err(reason) => (self.brake(measured.ok(), dt), reason),
+                Err(reason) => {
+                    self.braking_for = Some(reason);
+                    (self.brake(measured.ok(), dt), reason)
+                }
             };
             let stopped = stopping_since_ns
-                .is_some_and(|since| self.at_rest(measured.ok(), since, wake.now_ns));
+                .is_some_and(|since| self.has_stopped(measured.ok(), since, wake.now_ns));
             let mode = if stopped { CommandMode::Stop } else { mode };
+            let evaluated_ns = monotonic_ns();
             self.publish_command(mode, reason, wake.now_ns);
-            self.record(&wake, reason);
+            self.record(&wake, read_ns, evaluated_ns, reason, measured.ok());
             if stopped {
                 return;
             }
@@ -235,8 +225,7 @@ impl<const N: usize> Cycle<N> {
             // Only looks: a lockstep publisher's first state must get its tick in the loop.
             let state = self.ports.state.receive();
             let frames = self.ports.frames.receive();
-            let connected =
-                self.ports.command.update_connections() & self.ports.status.update_connections();
+            let connected = self.ports.update_connections();
             self.state = state.or(self.state.take());
             self.frames = frames.or(self.frames.take());
             if let (Some(state), Some(_)) = (&self.state, &self.frames)
@@ -249,35 +238,35 @@ impl<const N: usize> Cycle<N> {
             }
             let missing =
                 if self.state.is_some() { Reason::FrameMissing } else { Reason::StateStale };
-            self.publish_status(missing, monotonic_ns(), &NO_TIMES);
+            self.publish_status(missing, monotonic_ns(), &TickTimes::default());
             sleep_until(monotonic_ns() + CONNECT_POLL_NS);
         }
         false
     }
 
-    fn wait(&mut self, scheduled_ns: &mut u64, stop: &AtomicBool) -> Option<Wake> {
+    fn wait(&mut self, stop: &AtomicBool) -> Option<Wake> {
         match self.pace {
-            Pace::RealTime(Trigger::Periodic) => Some(self.wait_for_schedule(scheduled_ns)),
+            Pace::RealTime(Trigger::Periodic) => Some(self.wait_for_schedule()),
             Pace::RealTime(Trigger::OnState) | Pace::Lockstep => self.wait_for_state(stop),
         }
     }
 
-    /// Sleeps until the next period. A late schedule skips what it missed and is never caught up
-    /// with a burst.
-    fn wait_for_schedule(&self, scheduled_ns: &mut u64) -> Wake {
-        let period = self.config.cycle.period_ns;
-        *scheduled_ns += period;
-        sleep_until(*scheduled_ns);
-        let woke_ns = monotonic_ns();
-        let late_ns = woke_ns.saturating_sub(*scheduled_ns);
-        let skipped = late_ns / period;
-        *scheduled_ns += skipped * period;
-        let deadline_ns = *scheduled_ns + period;
-        Wake { now_ns: woke_ns, woke_ns, deadline_ns, late_ns, skipped }
+    /// Sleeps until the next period; where it spins at its end, first connects to whoever appeared
+    /// meanwhile.
+    fn wait_for_schedule(&mut self) -> Wake {
+        let due_ns = self.schedule.due_ns();
+        let spin_ns = self.config.cycle.spin_ns;
+        sleep_until(due_ns.saturating_sub(spin_ns));
+        if spin_ns > 0 {
+            self.connect_to_newcomers();
+            spin_until(due_ns);
+        }
+        self.schedule.woke(monotonic_ns())
     }
 
-    /// Polls for a new state. On the machine's clock it also wakes when the state gets too old;
-    /// in lockstep a stop ends the wait, or a publisher that has left: `None`.
+    /// Looks for a new state, with pauses where it need not spin. On the machine's clock it also
+    /// wakes when the state gets too old; in lockstep a stop ends the wait, or a publisher that has
+    /// left: `None`.
     fn wait_for_state(&mut self, stop: &AtomicBool) -> Option<Wake> {
         let since_ns = monotonic_ns();
         loop {
@@ -289,19 +278,26 @@ impl<const N: usize> Cycle<N> {
             let waited_ns = woke_ns - since_ns;
             // While it brakes without a state, the arm is led period by period.
             let cycle = &self.config.cycle;
-            let longest_ns = if self.lost { cycle.period_ns } else { cycle.state_age_max_ns };
-            if received || first || (!lockstep && waited_ns > longest_ns) {
+            let longest_ns =
+                if self.motion.is_lost() { cycle.period_ns } else { cycle.state_age_max_ns };
+            if received || first {
+                let wake = self.arrivals.arrived(woke_ns);
                 let state_ns = self.state.as_ref().map_or(0, |s| s.time_ns);
-                let now_ns = if lockstep { state_ns } else { woke_ns };
-                let deadline_ns = woke_ns + self.config.cycle.period_ns;
-                return Some(Wake { now_ns, woke_ns, deadline_ns, late_ns: 0, skipped: 0 });
+                return Some(if lockstep { wake.at_state(state_ns) } else { wake });
+            }
+            if !lockstep && waited_ns > longest_ns {
+                return Some(self.arrivals.missed(woke_ns));
             }
             let stopping = stop.load(Ordering::Relaxed);
             let patience_ns = if stopping { LAST_STATE_NS } else { LOCKSTEP_PATIENCE_NS };
             if lockstep && waited_ns > patience_ns {
                 return None;
             }
-            sleep_until(woke_ns + POLL_NS);
+            if self.arrivals.spins(woke_ns) {
+                core::hint::spin_loop();
+            } else {
+                sleep_until(woke_ns + POLL_NS);
+            }
         }
     }
 
@@ -318,14 +314,14 @@ impl<const N: usize> Cycle<N> {
         if self.pace == Pace::RealTime(Trigger::Periodic) {
             self.receive_state();
         }
-        if let Some(frames) = self.ports.frames.receive() {
+        if let Some(frames) = self.exchange(|ports| ports.frames.receive()) {
             self.frames = Some(frames);
             self.take_in_frames();
         }
     }
 
     fn receive_state(&mut self) -> bool {
-        let Some(state) = self.ports.state.receive() else { return false };
+        let Some(state) = self.exchange(|ports| ports.state.receive()) else { return false };
         let last = self.state.as_ref().map_or(0, |s| s.sequence);
         self.sequence_went_back |= state.sequence <= last;
         self.state = Some(state);
@@ -335,6 +331,18 @@ impl<const N: usize> Cycle<N> {
     fn take_in_frames(&mut self) {
         if let Some(frames) = &self.frames {
             self.scene_check = self.scene.update(frames, &self.config.frame_observer);
+        }
+    }
+
+    /// Looks at the periods that passed without a tick. When the last command has expired meanwhile,
+    /// the robot has braked on its own: the arm is not where it was led.
+    fn notice_a_gap(&mut self, wake: &Wake) {
+        if self.pace == Pace::Lockstep {
+            return;
+        }
+        self.overruns.begin(wake.skipped);
+        if self.command.sequence > 0 && wake.now_ns > self.command.expiry_ns {
+            self.motion.lose_sight();
         }
     }
 
@@ -361,7 +369,7 @@ impl<const N: usize> Cycle<N> {
     /// Whether the policy may be followed from this state.
     fn permit(&mut self, state: &JointState<N>, now_ns: u64) -> Result<(), Reason> {
         if core::mem::take(&mut self.sequence_went_back) {
-            self.lost = true;
+            self.motion.lose_sight();
             return Err(Reason::SequenceWentBack);
         }
         if !within_position_limits(state, self.policy.chain()) {
@@ -372,10 +380,12 @@ impl<const N: usize> Cycle<N> {
         if now_ns.abs_diff(frames.time_ns) > self.config.cycle.frames_age_max_ns {
             return Err(Reason::FramesStale);
         }
-        if self.overruns_in_a_row >= self.config.cycle.overruns_in_a_row_max {
+        if self.overruns.stop() {
             return Err(Reason::Overrun);
         }
-        Ok(())
+        // Whatever has gone wrong: first to rest, then on.
+        self.braking_for = self.braking_for.filter(|_| !self.motion.reference_rests());
+        self.braking_for.map_or(Ok(()), Err)
     }
 
     /// Evaluates the policy, limits its acceleration and prepares the command.
@@ -397,25 +407,9 @@ impl<const N: usize> Cycle<N> {
                 &mut self.workspace,
             )
             .map_err(|_| Reason::ResolveFailed)?;
-        // After a start or a stop: from the measured state, faded in.
-        if core::mem::take(&mut self.holding) {
-            self.reference = None;
-            self.fade_s = 0.0;
-        }
-        self.lost = false;
-        let mut reference = self.reference.unwrap_or(Reference::at(state, &self.limits));
-        let stop = &self.config.stop;
-        let fade = (self.fade_s / stop.fade_in_s).min(1.0);
-        self.fade_s += dt;
-        let brake = braking(&reference.velocity, &self.limits, stop.deceleration_share, dt);
-        let wanted = decision.acceleration * fade + brake * (1.0 - fade);
-        let acceleration =
-            self.limits.acceleration(&wanted, &reference.position, &reference.velocity, dt);
-        reference.integrate(&acceleration, dt);
-        self.prepare(state, &reference, &acceleration)?;
-        let impedance = &self.config.impedance;
-        reference.follow(state, &self.limits, impedance.reference_time_constant_s, dt);
-        self.reference = Some(reference);
+        let setpoint =
+            self.motion.follow(self.policy.chain(), state, &decision.acceleration, dt)?;
+        self.prepare(&setpoint);
 
         let (life_cycle, remaining) =
             self.course.advance(gripper, &decision.tool, &decision.goal, dt);
@@ -425,71 +419,34 @@ impl<const N: usize> Cycle<N> {
         Ok(())
     }
 
-    /// Decelerates the reference to rest and holds it there, by feedback from the measured state.
-    /// Without one there is no feedback, and once the reference is at rest the robot has to brake.
+    /// Prepares a command that leads the arm to rest and holds it there; where that cannot be done
+    /// any more, the robot has to brake.
     fn brake(&mut self, measured: Option<JointState<N>>, dt: f64) -> CommandMode {
-        self.holding = true;
-        let seen_again = self.lost.then_some(measured).flatten();
-        self.lost = measured.is_none();
-        let start = match seen_again {
-            Some(state) => Some(Reference::at(&state, &self.limits)),
-            None => self.reference.or(measured.map(|state| Reference::at(&state, &self.limits))),
-        };
-        let Some(mut reference) = start else { return CommandMode::Stop };
-        let share = self.config.stop.deceleration_share;
-        let wanted = braking(&reference.velocity, &self.limits, share, dt);
-        let acceleration =
-            self.limits.acceleration(&wanted, &reference.position, &reference.velocity, dt);
-        reference.integrate(&acceleration, dt);
-        self.reference = Some(reference);
-        let blind = JointState { position: reference.position, velocity: reference.velocity };
-        let prepared = self.prepare(&measured.unwrap_or(blind), &reference, &acceleration);
-        let at_rest = reference.velocity.amax() < REFERENCE_REST;
-        if prepared.is_err() || (measured.is_none() && at_rest) {
-            CommandMode::Stop
-        } else {
-            CommandMode::Hold
+        match self.motion.brake(self.policy.chain(), measured, dt) {
+            Some(setpoint) => {
+                self.prepare(&setpoint);
+                CommandMode::Hold
+            }
+            None => CommandMode::Stop,
         }
     }
 
-    /// Computes the torques and fills the command. Nothing that is not finite gets into it.
-    fn prepare(
-        &mut self,
-        state: &JointState<N>,
-        reference: &Reference<N>,
-        acceleration: &SVector<f64, N>,
-    ) -> Result<(), Reason> {
-        let torques = torques(
-            self.policy.chain(),
-            &self.limits,
-            &self.config.impedance,
-            self.gravity_m_s2,
-            state,
-            reference,
-            acceleration,
-        );
-        let parts = [
-            (&reference.position, &mut self.command.position),
-            (&reference.velocity, &mut self.command.velocity),
-            (acceleration, &mut self.command.acceleration),
-            (&torques.motion, &mut self.command.torque),
-            (&torques.gravity, &mut self.command.gravity_torque),
-        ];
-        if !parts.iter().all(|(from, _)| from.iter().all(|v| v.is_finite())) {
-            return Err(Reason::CommandNotFinite);
-        }
-        for (from, to) in parts {
+    fn prepare(&mut self, setpoint: &Setpoint<N>) {
+        for (from, to) in [
+            (&setpoint.position, &mut self.command.position),
+            (&setpoint.velocity, &mut self.command.velocity),
+            (&setpoint.acceleration, &mut self.command.acceleration),
+            (&setpoint.torques.motion, &mut self.command.torque),
+            (&setpoint.torques.gravity, &mut self.command.gravity_torque),
+        ] {
             to[..N].copy_from_slice(from.as_slice());
         }
-        Ok(())
     }
 
     /// Whether reference and arm are at rest, or the longest time for it has passed.
-    fn at_rest(&self, measured: Option<JointState<N>>, since_ns: u64, now_ns: u64) -> bool {
+    fn has_stopped(&self, measured: Option<JointState<N>>, since_ns: u64, now_ns: u64) -> bool {
         let stopping_s = now_ns.saturating_sub(since_ns) as f64 * 1e-9;
-        let reference_rests = self.reference.is_none_or(|r| r.velocity.amax() < REFERENCE_REST);
-        let arm_rests = measured.is_none_or(|m| m.velocity.amax() < MEASURED_REST);
-        stopping_s > self.config.stop.duration_max_s || (reference_rests && arm_rests)
+        stopping_s > self.config.stop.duration_max_s || self.motion.rests(measured)
     }
 
     fn publish_command(&mut self, mode: CommandMode, reason: Reason, now_ns: u64) {
@@ -505,55 +462,102 @@ impl<const N: usize> Cycle<N> {
         self.command.mode = mode.to_wire();
         self.command.reason = reason.to_wire();
         self.command.gripper_command = self.course.gripper().to_wire();
+        let command = self.command;
         // A command that cannot be sent expires: the robot brakes.
-        let _ = self.ports.command.publish(self.command);
+        let _ = self.exchange(|ports| ports.command.publish(command));
     }
 
     /// Counts the tick, publishes the status and connects to whoever has appeared.
-    fn record(&mut self, wake: &Wake, reason: Reason) {
+    fn record(
+        &mut self,
+        wake: &Wake,
+        read_ns: u64,
+        evaluated_ns: u64,
+        reason: Reason,
+        measured: Option<JointState<N>>,
+    ) {
         let published_ns = monotonic_ns();
-        let missed = published_ns > wake.deadline_ns || wake.skipped > 0;
-        let counted = missed && self.pace != Pace::Lockstep;
-        self.overruns_in_a_row = if counted { self.overruns_in_a_row + 1 } else { 0 };
+        let timed = self.pace != Pace::Lockstep;
         // A state that was refused was not used.
         let used = self.state.as_ref().filter(|_| reason == Reason::None);
-        let times = TickTimes {
-            wake_up_ns: wake.late_ns,
-            state_age_ns: used.map(|s| wake.now_ns.saturating_sub(s.time_ns)),
-            compute_ns: published_ns - wake.woke_ns,
+        let tick = Tick {
+            time_ns: published_ns,
+            times: TickTimes {
+                wake_up_ns: wake.late_ns,
+                state_age_ns: used.map(|s| wake.now_ns.saturating_sub(s.time_ns)),
+                receiving_ns: read_ns - wake.woke_ns,
+                evaluation_ns: evaluated_ns - read_ns,
+                publishing_ns: published_ns - evaluated_ns,
+            },
+            missed: timed && (published_ns > wake.deadline_ns || wake.skipped > 0),
+            skipped: if timed { wake.skipped } else { 0 },
+            reason,
         };
-        self.telemetry.record(&times, counted, reason);
-        self.publish_status(reason, published_ns, &times);
-        let _ = self.ports.command.update_connections();
-        let _ = self.ports.status.update_connections();
+        self.overruns.end(tick.missed, self.motion.rests(measured));
+        self.telemetry.record(&tick);
+        self.publish_status(reason, published_ns, &tick.times);
+        self.connect_to_newcomers();
     }
 
     fn publish_status(&mut self, reason: Reason, now_ns: u64, times: &TickTimes) {
         let life_cycle = match reason {
             Reason::None => self.progress.life_cycle,
             Reason::StopRequested => LifeCycle::Stopping,
-            _ if self.reference.is_none() => LifeCycle::Waiting,
+            _ if self.motion.is_new() => LifeCycle::Waiting,
             _ => LifeCycle::Holding,
         };
         self.board.write(life_cycle, reason);
+        let ticks = self.telemetry.ticks;
+        let changed = (self.status.life_cycle, self.status.reason)
+            != (life_cycle.to_wire(), reason.to_wire());
+        let every = u64::from(self.config.cycle.status_every_ticks);
+        if self.pace != Pace::Lockstep && !changed && !ticks.is_multiple_of(every) {
+            return;
+        }
         self.status = ControllerStatus {
             sequence: self.status.sequence + 1,
             time_ns: now_ns,
             life_cycle: life_cycle.to_wire(),
             reason: reason.to_wire(),
-            ticks: self.telemetry.ticks,
+            ticks,
             deadline_misses: self.telemetry.deadline_misses,
-            allocations: allocation::counted(),
+            skipped_periods: self.telemetry.skipped_periods,
+            allocations: self.allocations(),
+            connections: self.telemetry.connections.count,
+            period_ns: self.config.cycle.period_ns,
             wake_up_ns: times.wake_up_ns,
             state_age_ns: times.state_age_ns.unwrap_or(0),
-            compute_ns: times.compute_ns,
+            receiving_ns: times.receiving_ns,
+            evaluation_ns: times.evaluation_ns,
+            publishing_ns: times.publishing_ns,
             goal_distance_m: self.progress.remaining.distance_m,
             goal_angle_rad: self.progress.remaining.angle_rad,
             energy_j: self.progress.energy,
         };
-        let _ = self.ports.status.publish(self.status);
+        let status = self.status;
+        let _ = self.exchange(|ports| ports.status.publish(status));
+    }
+
+    fn connect_to_newcomers(&mut self) {
+        // One that fails is tried again, in the next slack.
+        let _ = self.exchange(ControllerPorts::update_connections);
+    }
+
+    /// Exchanges messages with peers. What allocates in it is a connection to one that appeared:
+    /// nothing else in iceoryx2 0.9.3 does, which the tests of this crate hold on to.
+    fn exchange<T>(&mut self, work: impl FnOnce(&ControllerPorts) -> T) -> T {
+        let (before, since_ns) = (allocation::counted(), monotonic_ns());
+        let result = work(&self.ports);
+        let allocations = allocation::counted() - before;
+        if allocations > 0 {
+            self.telemetry.connected(allocations, monotonic_ns() - since_ns);
+        }
+        result
+    }
+
+    /// Heap allocations inside the loop so far, without those that connected a peer.
+    fn allocations(&self) -> u64 {
+        let all = allocation::counted() - self.allocations_before;
+        all.saturating_sub(self.telemetry.connections.allocations)
     }
 }
-
-/// Before the first tick nothing was measured.
-const NO_TIMES: TickTimes = TickTimes { wake_up_ns: 0, state_age_ns: None, compute_ns: 0 };

@@ -37,11 +37,12 @@ pub fn check_state<const N: usize>(
     if state.joint_count as usize != N {
         return Err(Reason::JointCount);
     }
-    let position = SVector::<f64, N>::from_column_slice(&state.position[..N]);
-    let velocity = SVector::<f64, N>::from_column_slice(&state.velocity[..N]);
-    if !position.iter().chain(velocity.iter()).all(|v| v.is_finite()) {
+    let parts = [&state.position[..N], &state.velocity[..N], &state.torque[..N]];
+    if !parts.into_iter().flatten().all(|v| v.is_finite()) {
         return Err(Reason::StateNotFinite);
     }
+    let position = SVector::<f64, N>::from_column_slice(&state.position[..N]);
+    let velocity = SVector::<f64, N>::from_column_slice(&state.velocity[..N]);
     let unbelievable = |i: usize| velocity[i].abs() > SPEED_MULTIPLE_MAX * chain.velocity_max()[i];
     if (0..N).any(unbelievable) {
         return Err(Reason::StateUnbelievable);
@@ -135,6 +136,10 @@ impl Scene {
             let frame = frames.iter().find(|f| f.name == *name && f.valid == 1);
             frame.ok_or(Reason::FrameMissing).and_then(check_frame)
         };
+        // Also of frames that the skill does not need: a number that is none makes all others doubtful.
+        for frame in frames.iter().filter(|f| f.valid == 1) {
+            check_frame(frame)?;
+        }
         let mut seen = [FrameMotion::at_rest(Pose::IDENTITY); FRAME_CAPACITY];
         for (frame, name) in seen.iter_mut().zip(&self.names) {
             *frame = find(name)?;
@@ -219,6 +224,7 @@ fn check_obstacle(obstacle: &tprmp_messages::Obstacle) -> Result<Obstacle, Reaso
     if obstacle.valid != 1 {
         return Err(Reason::ObstacleUnknown);
     }
+    finite(obstacle.quaternion)?;
     let position = DVec3::from(finite(obstacle.position)?);
     let velocity = DVec3::from(finite(obstacle.linear_velocity)?);
     let size = finite(obstacle.size)?;

@@ -17,6 +17,8 @@ pub struct JointLimits<const N: usize> {
     pub acceleration_max: SVector<f64, N>,
     /// Greatest torque or force \[N m or N\].
     pub effort_max: SVector<f64, N>,
+    /// Least and greatest position of the robot's description, without the margin \[rad or m\].
+    pub position_end: [SVector<f64, N>; 2],
 }
 
 impl<const N: usize> JointLimits<N> {
@@ -30,6 +32,7 @@ impl<const N: usize> JointLimits<N> {
             velocity_max: chain.velocity_max() * robot.velocity_share,
             acceleration_max: SVector::from_column_slice(&robot.acceleration_max),
             effort_max: chain.effort_max() * robot.effort_share,
+            position_end: [*chain.position_lower(), *chain.position_upper()],
         }
     }
 
@@ -64,6 +67,14 @@ impl<const N: usize> JointLimits<N> {
         })
     }
 
+    /// The position that may be commanded. The margin is left to [`Self::acceleration`]: an arm that
+    /// starts inside it is not commanded to jump out of it.
+    #[must_use]
+    pub fn position(&self, wanted: &SVector<f64, N>) -> SVector<f64, N> {
+        let [lower, upper] = &self.position_end;
+        wanted.zip_zip_map(lower, upper, f64::clamp)
+    }
+
     /// The torque that may be commanded.
     #[must_use]
     pub fn effort(&self, wanted: &SVector<f64, N>) -> SVector<f64, N> {
@@ -83,6 +94,7 @@ mod tests {
             velocity_max: Vector2::new(1.5, 3.0),
             acceleration_max: Vector2::new(10.0, 20.0),
             effort_max: Vector2::new(100.0, 50.0),
+            position_end: [Vector2::new(-1.1, -2.1), Vector2::new(1.1, 2.1)],
         }
     }
 

@@ -1,19 +1,21 @@
 //! The command line of the controller.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use clap::{Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 use tprmp_controller::allocation::CountingAllocator;
-use tprmp_controller::cycle::Pace;
 use tprmp_controller::monitor::Monitor;
+use tprmp_controller::overrides::Overrides;
+use tprmp_controller::pacing::Pace;
+use tprmp_controller::soak::Soak;
 use tprmp_controller::startup::{self, StartError, WithRobot};
-use tprmp_controller::{check, realtime};
+use tprmp_controller::{check, realtime, top};
 use tprmp_messages::{Instance, LAYOUT, LifeCycle};
 
 #[global_allocator]
@@ -34,28 +36,7 @@ struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Run a skill: waits for robot state and task frames, then publishes joint commands.
-    Run {
-        /// Configuration, e.g. config/controllers/ur5_pick.ron.
-        config: PathBuf,
-        /// Model that `learner train` wrote.
-        #[arg(long)]
-        model: PathBuf,
-        /// Name that publisher and controller share.
-        #[arg(long, default_value = "default")]
-        instance: String,
-        /// Write what the loop measured about itself to this file, as JSON.
-        #[arg(long)]
-        summary: Option<PathBuf>,
-        /// One tick a state, on the clock of the states: exact on a busy machine.
-        #[arg(long)]
-        lockstep: bool,
-        /// Leave once the task has been done for a second.
-        #[arg(long)]
-        until_done: bool,
-        /// Run a model that failed its certificate.
-        #[arg(long)]
-        allow_uncertified: bool,
-    },
+    Run(RunArguments),
     /// Check configuration, robot and model, and what this machine lacks for real time.
     Check {
         /// Configuration, e.g. config/controllers/ur5_pick.ron.
@@ -64,24 +45,81 @@ enum Command {
         #[arg(long)]
         model: Option<PathBuf>,
     },
+    /// Show how a running controller is doing: its state, counters and the times of its ticks.
+    ///
+    /// It only reads what the controller publishes anyway. Ctrl-C ends it.
+    Top {
+        /// Name that publisher and controller share.
+        #[arg(long, default_value = "default")]
+        instance: String,
+        /// Show it once and leave.
+        #[arg(long)]
+        once: bool,
+    },
+    /// Run a controller for a long time beside a publisher that is killed and started again at random.
+    ///
+    /// Judged are allocations, memory and schedule. The exit code is 1 when something does not hold.
+    Soak(SoakArguments),
     /// Print the layout of the shared-memory messages as JSON, for mirrors in other languages.
     Layout,
 }
 
+#[derive(Debug, Args)]
+struct RunArguments {
+    /// Configuration, e.g. config/controllers/ur5_pick.ron.
+    config: PathBuf,
+    /// Model that `learner train` wrote.
+    #[arg(long)]
+    model: PathBuf,
+    /// Name that publisher and controller share.
+    #[arg(long, default_value = "default")]
+    instance: String,
+    /// Write what the loop measured about itself to this file, as JSON.
+    #[arg(long)]
+    summary: Option<PathBuf>,
+    /// One tick a state, on the clock of the states: exact on a busy machine.
+    #[arg(long)]
+    lockstep: bool,
+    /// Leave once the task has been done for a second.
+    #[arg(long)]
+    until_done: bool,
+    /// Run a model that failed its certificate.
+    #[arg(long)]
+    allow_uncertified: bool,
+    #[command(flatten)]
+    overrides: Overrides,
+}
+
+#[derive(Debug, Args)]
+struct SoakArguments {
+    /// Configuration, e.g. config/controllers/planar.ron.
+    config: String,
+    /// Model that `learner train` wrote.
+    #[arg(long)]
+    model: String,
+    /// How long.
+    #[arg(long, default_value_t = 10.0)]
+    minutes: f64,
+    /// Of the random times.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Name that publisher and controller share.
+    #[arg(long, default_value = "soak")]
+    instance: String,
+    /// Folder for logs and results (soak.json).
+    #[arg(long)]
+    out: PathBuf,
+    /// The publisher's command line; `{seed}` stands for a number that is another at each start.
+    #[arg(last = true, required = true, value_name = "PUBLISHER")]
+    publisher: Vec<String>,
+}
+
 fn main() -> ExitCode {
     let result = match Arguments::parse().command {
-        Command::Run {
-            config,
-            model,
-            instance,
-            summary,
-            lockstep,
-            until_done,
-            allow_uncertified,
-        } => startup::load(&config, &model, allow_uncertified).and_then(|loaded| {
-            run(&config, loaded, &instance, summary.as_deref(), lockstep, until_done)
-        }),
+        Command::Run(arguments) => run(&arguments),
         Command::Check { config, model } => check::check(&config, model.as_deref()),
+        Command::Top { instance, once } => top::top(&instance, once),
+        Command::Soak(arguments) => soak(arguments),
         Command::Layout => {
             print_layout();
             Ok(())
@@ -96,53 +134,51 @@ fn main() -> ExitCode {
     }
 }
 
+fn soak(arguments: SoakArguments) -> Result<(), StartError> {
+    let SoakArguments { config, model, minutes, seed, instance, out, publisher } = arguments;
+    let controller = vec![config, "--model".into(), model];
+    Soak { controller, publisher, instance, duration_s: 60.0 * minutes, seed, out }.run()
+}
+
 struct Run<'a> {
-    config_path: &'a Path,
+    arguments: &'a RunArguments,
     loaded: startup::Loaded,
     instance: Instance,
     pace: Pace,
-    until_done: bool,
-    summary: Option<&'a Path>,
 }
 
-fn run(
-    config_path: &Path,
-    loaded: startup::Loaded,
-    instance: &str,
-    summary: Option<&Path>,
-    lockstep: bool,
-    until_done: bool,
-) -> Result<(), StartError> {
-    let instance = Instance::new(instance)?;
+fn run(arguments: &RunArguments) -> Result<(), StartError> {
+    let edit = |config: &mut _| arguments.overrides.apply(config);
+    let (path, model) = (&arguments.config, &arguments.model);
+    let loaded = startup::load_with(path, edit, model, arguments.allow_uncertified)?;
+    let instance = Instance::new(&arguments.instance)?;
     let config = loaded.config.clone();
-    let pace = if lockstep { Pace::Lockstep } else { Pace::RealTime(config.cycle.trigger) };
-    startup::with_robot(
-        config_path,
-        &config,
-        Run { config_path, loaded, instance, pace, until_done, summary },
-    )
+    let pace =
+        if arguments.lockstep { Pace::Lockstep } else { Pace::RealTime(config.cycle.trigger) };
+    startup::with_robot(path, &config, Run { arguments, loaded, instance, pace })
 }
 
 impl WithRobot for Run<'_> {
     type Output = ();
 
     fn call<const N: usize>(self) -> Result<(), StartError> {
-        if let Some(path) = self.summary {
+        let Self { arguments, loaded, instance, pace } = self;
+        if let Some(path) = &arguments.summary {
             // Before anything moves: a summary that cannot be written would be lost.
             startup::try_summary(path)?;
         }
-        let real_time = self.loaded.config.real_time;
-        let failures = self.loaded.model.certificate.failures.len();
+        let real_time = loaded.config.real_time.clone();
+        let failures = loaded.model.certificate.failures.len();
         if failures > 0 {
             eprintln!("controller: this model fails its certificate in {failures} points");
         }
-        let skill = self.loaded.model.skill.clone();
+        let skill = loaded.model.skill.clone();
         let mut cycle = startup::cycle::<N>(
-            self.config_path,
-            self.loaded,
-            self.pace,
-            self.until_done,
-            &self.instance,
+            &arguments.config,
+            loaded,
+            pace,
+            arguments.until_done,
+            &instance,
         )?;
         // After the ports exist, so that nothing replaces the handlers.
         let stop = Arc::new(AtomicBool::new(false));
@@ -153,20 +189,23 @@ impl WithRobot for Run<'_> {
         }
         eprintln!(
             "controller: skill `{skill}`, {N} joints, instance `{}`: waiting for state and frames",
-            self.instance.name()
+            instance.name()
         );
         // Before the loop's priority is set, which a thread would inherit.
         let monitor = Monitor::start(cycle.board());
-        if self.pace != Pace::Lockstep {
-            for refused in realtime::set_up(&real_time) {
-                eprintln!("controller: {refused}");
+        let granted = (pace != Pace::Lockstep).then(|| realtime::set_up(&real_time));
+        for refusal in granted.iter().flat_map(|granted| &granted.refused) {
+            if real_time.required.contains(&refusal.grant) {
+                return Err(StartError::Refused(refusal.clone()));
             }
+            eprintln!("controller: {refusal}");
         }
         let ending = cycle.run(&stop);
-        drop(monitor);
-        let summary = cycle.telemetry().summary(ending.allocations, ending.life_cycle);
+        drop((monitor, granted));
+        let summary = cycle.telemetry().summary(&ending);
         report(&summary, ending.life_cycle);
-        self.summary.map_or(Ok(()), |path| startup::write_summary(path, &summary))
+        let path = arguments.summary.as_deref();
+        path.map_or(Ok(()), |path| startup::write_summary(path, &summary))
     }
 }
 

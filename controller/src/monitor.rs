@@ -100,7 +100,7 @@ pub fn describe(life_cycle: LifeCycle, reason: Reason) -> String {
         Reason::CommandNotFinite => "the policy's command was not finite",
         Reason::StopRequested => "asked to stop",
         Reason::JointLimit => "a joint is outside its position limits",
-        Reason::Overrun => "too many deadlines were missed in a row",
+        Reason::Overrun => "too many periods were missed in a row",
         Reason::StateUnbelievable => "a measured speed or a jump of a position is not believable",
         Reason::GripperUnknown => "the gripper reports a state that this controller does not know",
     };

@@ -9,9 +9,12 @@ use tprmp_model::skill_model::{self, ModelError, SkillModel};
 use tprmp_rmpflow::policy::Policy as SkillPolicy;
 use tprmp_robot::{Chain, ControlPointError, ControlPoints, UrdfError, count_joints};
 
-use crate::cycle::{Cycle, Pace};
+use crate::cycle::Cycle;
 use crate::inputs::Scene;
+use crate::pacing::Pace;
 use crate::policy::Policy;
+use crate::realtime::Refusal;
+use crate::soak::SoakError;
 
 /// Why the controller does not start.
 #[derive(Debug, Error)]
@@ -39,6 +42,15 @@ pub enum StartError {
     /// The signal handlers.
     #[error("signal handlers cannot be installed: {0}")]
     Signals(std::io::Error),
+    /// A required right is missing.
+    #[error("key `real_time.required` names {:?}, which the system refuses: {_0}", _0.grant)]
+    Refused(Refusal),
+    /// There is nobody to look at.
+    #[error("no controller runs on instance `{0}`: start one, or name its --instance")]
+    NoController(String),
+    /// A soak.
+    #[error(transparent)]
+    Soak(#[from] SoakError),
     /// The summary.
     #[error("summary `{path}` cannot be written: {source}")]
     Summary {
@@ -158,7 +170,20 @@ pub fn load(
     model_path: &Path,
     allow_uncertified: bool,
 ) -> Result<Loaded, StartError> {
-    let config = controller_config::read(config_path)?;
+    load_with(config_path, |_| {}, model_path, allow_uncertified)
+}
+
+/// As [`load`], with a configuration that `edit` changes.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with(
+    config_path: &Path,
+    edit: impl FnOnce(&mut ControllerConfig),
+    model_path: &Path,
+    allow_uncertified: bool,
+) -> Result<Loaded, StartError> {
+    let config = controller_config::read_with(config_path, edit)?;
     let model = skill_model::read(model_path)?;
     if let (Some(first), false) = (model.certificate.failures.first(), allow_uncertified) {
         return Err(StartError::Uncertified { model: model_path.into(), failure: first.clone() });

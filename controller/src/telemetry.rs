@@ -2,33 +2,130 @@
 
 use hdrhistogram::Histogram;
 use serde_json::{Value, json};
-use tprmp_messages::{LifeCycle, Reason};
+use tprmp_messages::Reason;
+
+use crate::cycle::Ending;
 
 /// Longest time the histograms tell apart \[ns\].
 const TIME_MAX_NS: u64 = 10_000_000_000;
+/// So many of the slowest ticks are kept with all their times.
+const WORST_TICKS: usize = 16;
+
+/// The times of one tick, one after the other.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct TickTimes {
+    /// How late it woke up \[ns\].
+    pub wake_up_ns: u64,
+    /// Age of the state it used when it woke up, `None` without one \[ns\].
+    pub state_age_ns: Option<u64>,
+    /// From the wake-up until the messages are received; connecting to a newcomer is part of it
+    /// \[ns\].
+    pub receiving_ns: u64,
+    /// Checks, policy, limits and torques \[ns\].
+    pub evaluation_ns: u64,
+    /// Publishing the command \[ns\].
+    pub publishing_ns: u64,
+}
+
+impl TickTimes {
+    /// From the wake-up to the command's publication \[ns\].
+    #[must_use]
+    pub fn compute_ns(&self) -> u64 {
+        self.receiving_ns + self.evaluation_ns + self.publishing_ns
+    }
+
+    /// From when the tick was due to the command's publication \[ns\].
+    #[must_use]
+    pub fn response_ns(&self) -> u64 {
+        self.wake_up_ns.saturating_add(self.compute_ns())
+    }
+}
+
+/// A tick and what came of it.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Tick {
+    /// When the command was published \[ns\].
+    pub time_ns: u64,
+    /// Its times.
+    pub times: TickTimes,
+    /// Whether it ended after its deadline, or periods passed without one.
+    pub missed: bool,
+    /// Periods that passed without a tick before it.
+    pub skipped: u64,
+    /// Why the policy was not followed.
+    pub reason: Reason,
+}
+
+/// The slowest ticks so far, the slowest first: a flight recorder of fixed size.
+#[derive(Debug)]
+struct WorstTicks {
+    /// Number and tick; the first `count` are in use.
+    ticks: [(u64, Tick); WORST_TICKS],
+    count: usize,
+}
+
+impl WorstTicks {
+    fn record(&mut self, number: u64, tick: &Tick) {
+        let response_ns = tick.times.response_ns();
+        let slower = |(_, other): &(u64, Tick)| other.times.response_ns() >= response_ns;
+        let place = self.ticks[..self.count].partition_point(slower);
+        if place == WORST_TICKS {
+            return;
+        }
+        self.count = (self.count + 1).min(WORST_TICKS);
+        self.ticks[place..self.count].rotate_right(1);
+        self.ticks[place] = (number, *tick);
+    }
+
+    fn summary(&self) -> Value {
+        let tick = |(number, tick): &(u64, Tick)| {
+            json!({
+                "tick": number,
+                "time_ns": tick.time_ns,
+                "wake_up_us": microseconds(tick.times.wake_up_ns),
+                "state_age_us": tick.times.state_age_ns.map(microseconds),
+                "receiving_us": microseconds(tick.times.receiving_ns),
+                "evaluation_us": microseconds(tick.times.evaluation_ns),
+                "publishing_us": microseconds(tick.times.publishing_ns),
+                "missed": tick.missed,
+                "skipped_periods": tick.skipped,
+                "reason": format!("{:?}", tick.reason),
+            })
+        };
+        self.ticks[..self.count].iter().map(tick).collect()
+    }
+}
+
+/// What connecting to peers that appeared or came back has cost.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Connections {
+    /// How often something had to be connected.
+    pub count: u64,
+    /// Heap allocations in it.
+    pub allocations: u64,
+    /// The longest time it took \[ns\].
+    pub longest_ns: u64,
+}
 
 /// Histograms and counters of a run.
 #[derive(Debug)]
 pub struct Telemetry {
-    compute: Histogram<u64>,
+    tick: Histogram<u64>,
     wake_up: Histogram<u64>,
     state_age: Histogram<u64>,
+    receiving: Histogram<u64>,
+    evaluation: Histogram<u64>,
+    publishing: Histogram<u64>,
+    worst: WorstTicks,
     reasons: [u64; Reason::ALL.len()],
     /// Ticks so far.
     pub ticks: u64,
-    /// Ticks that ended after their deadline.
+    /// Ticks that ended after their deadline or came after skipped periods.
     pub deadline_misses: u64,
-}
-
-/// The times of one tick.
-#[derive(Debug, Clone, Copy)]
-pub struct TickTimes {
-    /// How late it woke up \[ns\].
-    pub wake_up_ns: u64,
-    /// Age of the state it used, `None` without one \[ns\].
-    pub state_age_ns: Option<u64>,
-    /// From wake-up to the command's publication \[ns\].
-    pub compute_ns: u64,
+    /// Periods that passed without a tick.
+    pub skipped_periods: u64,
+    /// Connections made since the loop began.
+    pub connections: Connections,
 }
 
 impl Telemetry {
@@ -36,55 +133,93 @@ impl Telemetry {
     #[must_use]
     pub fn new() -> Self {
         let histogram = || {
-            Histogram::new_with_bounds(1, TIME_MAX_NS, 3)
-                .expect("the bounds are constants that hdrhistogram accepts")
+            let mut histogram = Histogram::new_with_bounds(1, TIME_MAX_NS, 3)
+                .expect("the bounds are constants that hdrhistogram accepts");
+            // Writes to all its memory, so that no tick is the first to touch a page of it.
+            histogram.reset();
+            histogram
         };
         Self {
-            compute: histogram(),
+            tick: histogram(),
             wake_up: histogram(),
             state_age: histogram(),
+            receiving: histogram(),
+            evaluation: histogram(),
+            publishing: histogram(),
+            worst: WorstTicks { ticks: [(0, Tick::default()); WORST_TICKS], count: 0 },
             reasons: [0; Reason::ALL.len()],
             ticks: 0,
             deadline_misses: 0,
+            skipped_periods: 0,
+            connections: Connections::default(),
         }
     }
 
     /// Records a tick. No allocation.
-    pub fn record(&mut self, times: &TickTimes, missed: bool, reason: Reason) {
+    pub fn record(&mut self, tick: &Tick) {
         self.ticks += 1;
-        self.deadline_misses += u64::from(missed);
-        self.reasons[reason.to_wire() as usize] += 1;
-        self.compute.saturating_record(times.compute_ns);
+        self.deadline_misses += u64::from(tick.missed);
+        self.skipped_periods += tick.skipped;
+        self.reasons[tick.reason.to_wire() as usize] += 1;
+        let times = &tick.times;
+        self.tick.saturating_record(times.compute_ns());
         self.wake_up.saturating_record(times.wake_up_ns);
+        self.receiving.saturating_record(times.receiving_ns);
+        self.evaluation.saturating_record(times.evaluation_ns);
+        self.publishing.saturating_record(times.publishing_ns);
         if let Some(age) = times.state_age_ns {
             self.state_age.saturating_record(age);
         }
+        self.worst.record(self.ticks, tick);
+    }
+
+    /// Records that something was connected. No allocation.
+    pub fn connected(&mut self, allocations: u64, duration_ns: u64) {
+        self.connections.count += 1;
+        self.connections.allocations += allocations;
+        self.connections.longest_ns = self.connections.longest_ns.max(duration_ns);
     }
 
     /// The run in numbers, for people and programs.
     #[must_use]
-    pub fn summary(&self, allocations: u64, last: LifeCycle) -> Value {
+    pub fn summary(&self, ending: &Ending) -> Value {
         let reasons: serde_json::Map<String, Value> = Reason::ALL
             .iter()
             .map(|r| (format!("{r:?}"), self.reasons[r.to_wire() as usize]))
             .filter(|(_, ticks)| *ticks > 0)
             .map(|(name, ticks)| (name, ticks.into()))
             .collect();
-        json!({
-            "life_cycle": format!("{last:?}"),
+        let mut summary = json!({
+            "life_cycle": format!("{:?}", ending.life_cycle),
             "ticks": self.ticks,
             "deadline_misses": self.deadline_misses,
-            "allocations": allocations,
-            "tick_us": percentiles(&self.compute),
-            "wake_up_us": percentiles(&self.wake_up),
-            "state_age_us": percentiles(&self.state_age),
-            "ticks_by_reason": reasons,
-            "histograms": {
-                "tick_us": buckets(&self.compute),
-                "wake_up_us": buckets(&self.wake_up),
-                "state_age_us": buckets(&self.state_age),
+            "skipped_periods": self.skipped_periods,
+            "allocations": ending.allocations,
+            "connections": {
+                "count": self.connections.count,
+                "allocations": self.connections.allocations,
+                "longest_us": microseconds(self.connections.longest_ns),
             },
-        })
+            "page_faults": ending.page_faults.map(|faults| json!({
+                "minor": faults.minor,
+                "major": faults.major,
+            })),
+            "ticks_by_reason": reasons,
+            "worst_ticks": self.worst.summary(),
+            "histograms": {},
+        });
+        for (name, histogram) in [
+            ("tick_us", &self.tick),
+            ("wake_up_us", &self.wake_up),
+            ("state_age_us", &self.state_age),
+            ("receiving_us", &self.receiving),
+            ("evaluation_us", &self.evaluation),
+            ("publishing_us", &self.publishing),
+        ] {
+            summary[name] = percentiles(histogram);
+            summary["histograms"][name] = buckets(histogram);
+        }
+        summary
     }
 }
 
@@ -126,29 +261,74 @@ fn buckets(histogram: &Histogram<u64>) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::realtime::PageFaults;
+    use tprmp_messages::LifeCycle;
+
+    fn tick(evaluation_ns: u64) -> Tick {
+        let times = TickTimes {
+            wake_up_ns: 10,
+            state_age_ns: Some(5),
+            receiving_ns: 100,
+            evaluation_ns,
+            publishing_ns: 50,
+        };
+        Tick { times, ..Default::default() }
+    }
 
     #[test]
     fn a_summary_counts_every_tick_once() {
         let mut telemetry = Telemetry::new();
         for i in 1..=1000_u64 {
-            let times =
-                TickTimes { wake_up_ns: 10 * i, state_age_ns: Some(5), compute_ns: 1000 * i };
             let reason = if i % 10 == 0 { Reason::StateStale } else { Reason::None };
-            telemetry.record(&times, i > 990, reason);
+            let skipped = if i == 1000 { 3 } else { 0 };
+            telemetry.record(&Tick { missed: i > 990, reason, skipped, ..tick(1000 * i) });
         }
-        let summary = telemetry.summary(3, LifeCycle::Done);
+        telemetry.connected(37, 45_000);
+        telemetry.connected(20, 15_000);
+        let ending = Ending {
+            life_cycle: LifeCycle::Done,
+            allocations: 3,
+            page_faults: Some(PageFaults { minor: 2, major: 1 }),
+        };
+        let summary = telemetry.summary(&ending);
+        assert_eq!(summary["life_cycle"], "Done");
         assert_eq!(summary["ticks"], 1000);
         assert_eq!(summary["deadline_misses"], 10);
+        assert_eq!(summary["skipped_periods"], 3);
         assert_eq!(summary["allocations"], 3);
+        let connections = json!({"count": 2, "allocations": 57, "longest_us": 45.0});
+        assert_eq!(summary["connections"], connections);
+        assert_eq!(summary["page_faults"], json!({"minor": 2, "major": 1}));
         assert_eq!(summary["ticks_by_reason"]["StateStale"], 100);
-        let p50 = summary["tick_us"]["p50"].as_f64().unwrap();
-        assert!((p50 - 500.0).abs() < 2.0, "{p50}");
-        let counts: u64 = summary["histograms"]["tick_us"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .map(|b| b[1].as_u64().unwrap())
-            .sum();
-        assert_eq!(counts, 1000);
+        let p50 = |name: &str| summary[name]["p50"].as_f64().unwrap();
+        assert!((p50("tick_us") - 500.15).abs() < 2.0, "{}", p50("tick_us"));
+        assert!((p50("evaluation_us") - 500.0).abs() < 2.0, "{}", p50("evaluation_us"));
+        assert!((p50("publishing_us") - 0.05).abs() < 1e-3, "{}", p50("publishing_us"));
+        for name in ["tick_us", "wake_up_us", "state_age_us", "receiving_us", "evaluation_us"] {
+            let buckets = summary["histograms"][name].as_array().unwrap();
+            let counts: u64 = buckets.iter().map(|b| b[1].as_u64().unwrap()).sum();
+            assert_eq!(counts, 1000, "{name}");
+        }
+    }
+
+    #[test]
+    fn the_worst_ticks_are_kept_in_order_with_their_numbers() {
+        let mut telemetry = Telemetry::new();
+        // Each of 0 … 99 once, in a mixed order.
+        for i in 0..100_u64 {
+            telemetry.record(&tick(i * 37 % 100 * 1000));
+        }
+        let ending =
+            Ending { life_cycle: LifeCycle::Running, allocations: 0, page_faults: None };
+        let summary = telemetry.summary(&ending);
+        let worst = summary["worst_ticks"].as_array().unwrap();
+        assert_eq!(worst.len(), WORST_TICKS);
+        for (k, tick) in worst.iter().enumerate() {
+            let evaluation = 99 - k as u64;
+            assert_eq!(tick["evaluation_us"], evaluation as f64, "{tick}");
+            let number = tick["tick"].as_u64().unwrap();
+            assert_eq!((number - 1) * 37 % 100, evaluation, "{tick}");
+            assert_eq!(tick["receiving_us"], 0.1, "{tick}");
+        }
     }
 }

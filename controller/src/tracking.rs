@@ -110,6 +110,7 @@ mod tests {
             velocity_max: Vector2::repeat(2.0),
             acceleration_max: Vector2::new(10.0, 20.0),
             effort_max: Vector2::repeat(100.0),
+            position_end: [Vector2::repeat(-3.1), Vector2::repeat(3.1)],
         }
     }
 

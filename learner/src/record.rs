@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 use tprmp_messages::{
-    Instance, NAME_CAPACITY, ObserverPorts, RobotState, STATE_BUFFER, ServiceError, name_bytes,
+    Instance, NAME_CAPACITY, ObserverPorts, RobotState, OBSERVER_BUFFER, ServiceError, name_bytes,
 };
 use tprmp_model::controller_config::{self, ConfigError};
 use tprmp_robot::UrdfError;
@@ -169,7 +169,7 @@ impl Session {
         let mut gone = false;
         while !stop.load(Ordering::Relaxed) && self.written < self.count {
             // Bounded, so that a signal is seen whatever arrives.
-            for _ in 0..STATE_BUFFER {
+            for _ in 0..OBSERVER_BUFFER {
                 let Some(state) = ports.state.receive() else { break };
                 // After the state: whoever sees a state finds frames at least as new.
                 if let Some(frames) = ports.frames.receive() {

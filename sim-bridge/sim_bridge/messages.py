@@ -194,10 +194,15 @@ class ControllerStatus(ctypes.Structure):
         ("reason", ctypes.c_uint32),
         ("ticks", ctypes.c_uint64),
         ("deadline_misses", ctypes.c_uint64),
+        ("skipped_periods", ctypes.c_uint64),
         ("allocations", ctypes.c_uint64),
+        ("connections", ctypes.c_uint64),
+        ("period_ns", ctypes.c_uint64),
         ("wake_up_ns", ctypes.c_uint64),
         ("state_age_ns", ctypes.c_uint64),
-        ("compute_ns", ctypes.c_uint64),
+        ("receiving_ns", ctypes.c_uint64),
+        ("evaluation_ns", ctypes.c_uint64),
+        ("publishing_ns", ctypes.c_uint64),
         ("goal_distance_m", ctypes.c_double),
         ("goal_angle_rad", ctypes.c_double),
         ("energy_j", ctypes.c_double),
@@ -206,7 +211,7 @@ class ControllerStatus(ctypes.Structure):
     @staticmethod
     def type_name() -> str:
         """Name on the wire."""
-        return "ControllerStatusV1"
+        return "ControllerStatusV2"
 
 
 MESSAGES = {
@@ -215,7 +220,7 @@ MESSAGES = {
     "Frame": (Frame, 136),
     "Obstacle": (Obstacle, 112),
     "JointCommand": (JointCommand, 368),
-    "ControllerStatus": (ControllerStatus, 96),
+    "ControllerStatus": (ControllerStatus, 136),
 }
 """Every message with the size [bytes] the other side was told."""
 

@@ -19,8 +19,11 @@ SHARED_MEMORY = Path("/dev/shm")
 SHARED_MEMORY_MIN_BYTES = 4 << 20
 """Least free shared memory needed to open an instance: a full one ends in SIGBUS."""
 
-STATE_BUFFER = 256
-"""Newest states that are kept for an observer, which wants each of them."""
+OBSERVER_BUFFER = 256
+"""Newest messages that are kept for an observer, which wants each of them."""
+
+OBSERVED = ("robot_state", "controller_status")
+"""Services that keep messages for observers."""
 
 _NAME = re.compile(r"[A-Za-z0-9-]{1,32}")
 
@@ -79,7 +82,7 @@ class Instance:
                 .max_subscribers(8)
                 .max_nodes(16)
                 .history_size(1)
-                .subscriber_max_buffer_size(STATE_BUFFER if topic == "robot_state" else 1)
+                .subscriber_max_buffer_size(OBSERVER_BUFFER if topic in OBSERVED else 1)
                 .enable_safe_overflow(True)
                 .open_or_create()
             )

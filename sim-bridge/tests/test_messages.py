@@ -20,7 +20,7 @@ CONTROLLER = ROOT / "target" / "release" / "controller"
         ("Obstacle", 112),
         ("TaskFrames", 4696),
         ("JointCommand", 368),
-        ("ControllerStatus", 96),
+        ("ControllerStatus", 136),
     ],
 )
 def test_sizes_are_the_agreed_ones(name, size):

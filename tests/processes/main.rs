@@ -3,6 +3,10 @@
 
 mod bad_input;
 mod common;
+mod faults;
 mod lockstep;
+mod realtime;
 mod record;
+mod restarts;
+mod robot;
 mod stop;

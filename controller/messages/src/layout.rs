@@ -51,8 +51,9 @@ layout! {
         position, velocity, acceleration, torque, gravity_torque
     }
     ControllerStatus {
-        sequence, time_ns, life_cycle, reason, ticks, deadline_misses, allocations, wake_up_ns,
-        state_age_ns, compute_ns, goal_distance_m, goal_angle_rad, energy_j
+        sequence, time_ns, life_cycle, reason, ticks, deadline_misses, skipped_periods, allocations,
+        connections, period_ns, wake_up_ns, state_age_ns, receiving_ns, evaluation_ns,
+        publishing_ns, goal_distance_m, goal_angle_rad, energy_j
     }
 }
 
@@ -67,7 +68,7 @@ mod tests {
         assert_eq!(size_of::<Obstacle>(), 112);
         assert_eq!(size_of::<TaskFrames>(), 32 - 8 + 8 * 136 + 32 * 112);
         assert_eq!(size_of::<JointCommand>(), 368);
-        assert_eq!(size_of::<ControllerStatus>(), 96);
+        assert_eq!(size_of::<ControllerStatus>(), 136);
         assert_eq!(LAYOUT.iter().filter(|f| f.message == "RobotState").count(), 7);
     }
 }

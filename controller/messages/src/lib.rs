@@ -2,7 +2,8 @@
 //!
 //! Four publish-subscribe services an instance, each with one publisher, up to eight subscribers
 //! and only the newest message kept, so that a reader always gets the newest and a slow reader
-//! never holds the writer up (of the states the newest [`STATE_BUFFER`] are kept for an observer):
+//! never holds the writer up (of states and statuses the newest [`OBSERVER_BUFFER`] are kept for
+//! an observer):
 //!
 //! | service                          | message              | from              | to         |
 //! |----------------------------------|----------------------|-------------------|------------|
@@ -57,6 +58,6 @@ pub use messages::{
     ObstacleKind, Reason, RobotState, TaskFrames, name_bytes, name_str,
 };
 pub use services::{
-    ControllerPorts, Instance, ObserverPorts, Publisher, SHARED_MEMORY_MIN_BYTES, STATE_BUFFER,
-    Sample, ServiceError, StatePublisherPorts, Subscriber, free_shared_memory_bytes,
+    ControllerPorts, Instance, OBSERVER_BUFFER, ObserverPorts, Publisher, SHARED_MEMORY_MIN_BYTES,
+    Sample, ServiceError, StatePublisherPorts, StatusPort, Subscriber, free_shared_memory_bytes,
 };

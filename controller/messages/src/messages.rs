@@ -129,9 +129,9 @@ pub struct JointCommand {
     pub gravity_torque: [f64; JOINT_CAPACITY],
 }
 
-/// How the controller is doing, once a tick.
+/// How the controller is doing, once a tick or every few.
 #[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("ControllerStatusV1")]
+#[type_name("ControllerStatusV2")]
 #[repr(C)]
 pub struct ControllerStatus {
     /// Counts up by one from message to message.
@@ -144,16 +144,26 @@ pub struct ControllerStatus {
     pub reason: u32,
     /// Ticks so far.
     pub ticks: u64,
-    /// Ticks that ended after their deadline, so far.
+    /// Ticks that ended after their deadline or came after skipped periods, so far.
     pub deadline_misses: u64,
-    /// Heap allocations inside the loop, so far.
+    /// Periods that passed without a tick, so far.
+    pub skipped_periods: u64,
+    /// Heap allocations inside the loop, so far, without those of `connections`.
     pub allocations: u64,
+    /// How often a peer that appeared had to be connected to inside the loop, so far.
+    pub connections: u64,
+    /// Period of the loop \[ns\].
+    pub period_ns: u64,
     /// How late the last tick woke up \[ns\].
     pub wake_up_ns: u64,
     /// Age of the state the last tick used \[ns\].
     pub state_age_ns: u64,
-    /// Time from wake-up to the command's publication in the last tick \[ns\].
-    pub compute_ns: u64,
+    /// Time the last tick took to receive its messages \[ns\].
+    pub receiving_ns: u64,
+    /// Time the last tick took for checks, policy and limits \[ns\].
+    pub evaluation_ns: u64,
+    /// Time the last tick took to publish its command \[ns\].
+    pub publishing_ns: u64,
     /// Distance of the tool from the goal \[m\].
     pub goal_distance_m: f64,
     /// Angle of the tool from the goal \[rad\].
@@ -273,7 +283,7 @@ wire_enum! {
         StopRequested = 12,
         /// The measured joint positions are outside the robot's limits.
         JointLimit = 13,
-        /// Too many deadlines were missed in a row.
+        /// Too many periods were missed in a row.
         Overrun = 14,
         /// A measured speed is far beyond the joint's limit, or a position has jumped.
         StateUnbelievable = 15,

@@ -17,11 +17,12 @@ pub type Sample<M> = iceoryx2::sample::Sample<ipc::Service, M, ()>;
 /// Least free shared memory needed to open an instance \[bytes\]: a full one ends in SIGBUS.
 pub const SHARED_MEMORY_MIN_BYTES: u64 = 4 << 20;
 
-/// Newest states that are kept for an observer, which wants each of them; a controller gets the
-/// newest only.
-pub const STATE_BUFFER: usize = 256;
+/// Newest states and statuses that are kept for an observer, which wants each of them; controller
+/// and robot get the newest only.
+pub const OBSERVER_BUFFER: usize = 256;
 
 const ROBOT_STATE: &str = "robot_state";
+const CONTROLLER_STATUS: &str = "controller_status";
 const SUBSCRIBERS_MAX: usize = 8;
 
 /// Why the services of an instance could not be opened.
@@ -164,7 +165,10 @@ impl Instance {
             .max_subscribers(SUBSCRIBERS_MAX)
             .max_nodes(16)
             .history_size(1)
-            .subscriber_max_buffer_size(if topic == ROBOT_STATE { STATE_BUFFER } else { 1 })
+            .subscriber_max_buffer_size(match topic {
+                ROBOT_STATE | CONTROLLER_STATUS => OBSERVER_BUFFER,
+                _ => 1,
+            })
             .enable_safe_overflow(true)
             .open_or_create()
             .map_err(|e| {
@@ -226,7 +230,7 @@ impl Instance {
         let node = self.node()?;
         Ok(ControllerPorts {
             command: self.publisher(&node, "joint_command")?,
-            status: self.publisher(&node, "controller_status")?,
+            status: self.publisher(&node, CONTROLLER_STATUS)?,
             state: self.subscriber(&node, ROBOT_STATE, 1)?,
             frames: self.subscriber(&node, "task_frames", 1)?,
             _node: NodeGuard { _node: node, _leftovers: Leftovers(self.clone()) },
@@ -243,7 +247,7 @@ impl Instance {
             state: self.publisher(&node, ROBOT_STATE)?,
             frames: self.publisher(&node, "task_frames")?,
             command: self.subscriber(&node, "joint_command", 1)?,
-            status: self.subscriber(&node, "controller_status", 1)?,
+            status: self.subscriber(&node, CONTROLLER_STATUS, 1)?,
             _node: NodeGuard { _node: node, _leftovers: Leftovers(self.clone()) },
         })
     }
@@ -256,8 +260,21 @@ impl Instance {
     pub fn open_observer(&self) -> Result<ObserverPorts, ServiceError> {
         let node = self.node()?;
         Ok(ObserverPorts {
-            state: self.subscriber(&node, ROBOT_STATE, STATE_BUFFER)?,
+            state: self.subscriber(&node, ROBOT_STATE, OBSERVER_BUFFER)?,
             frames: self.subscriber(&node, "task_frames", 1)?,
+            _node: NodeGuard { _node: node, _leftovers: Leftovers(self.clone()) },
+        })
+    }
+
+    /// Opens the side of somebody who only wants to know how the controller is doing, whether it is
+    /// there or not.
+    ///
+    /// # Errors
+    /// See [`ServiceError`].
+    pub fn open_status(&self) -> Result<StatusPort, ServiceError> {
+        let node = self.node()?;
+        Ok(StatusPort {
+            status: self.subscriber(&node, CONTROLLER_STATUS, OBSERVER_BUFFER)?,
             _node: NodeGuard { _node: node, _leftovers: Leftovers(self.clone()) },
         })
     }
@@ -308,6 +325,13 @@ impl<M: Debug + ZeroCopySend + 'static> Subscriber<M> {
     pub fn receive(&self) -> Option<Sample<M>> {
         self.0.receive().ok().flatten()
     }
+
+    /// Connects to a publisher that appeared: costs allocations, so it is called in the slack of a
+    /// cycle. `false` when a connection failed.
+    #[must_use]
+    pub fn update_connections(&self) -> bool {
+        self.0.update_connections().is_ok()
+    }
 }
 
 /// Fields are dropped in this order: first the node goes, then what it left behind.
@@ -340,6 +364,18 @@ pub struct ControllerPorts {
     _node: NodeGuard,
 }
 
+impl ControllerPorts {
+    /// Connects to whoever has appeared. Costs nothing when nobody has. `false` when a connection
+    /// failed.
+    #[must_use]
+    pub fn update_connections(&self) -> bool {
+        self.command.update_connections()
+            & self.status.update_connections()
+            & self.state.update_connections()
+            & self.frames.update_connections()
+    }
+}
+
 /// The ports of a state publisher. Dropped, they leave no files behind.
 #[derive(Debug)]
 pub struct StatePublisherPorts {
@@ -357,10 +393,19 @@ pub struct StatePublisherPorts {
 /// The ports of an observer. Dropped, they leave no files behind.
 #[derive(Debug)]
 pub struct ObserverPorts {
-    /// Robot states, each of them while no more than [`STATE_BUFFER`] wait.
+    /// Robot states, each of them while no more than [`OBSERVER_BUFFER`] wait.
     pub state: Subscriber<RobotState>,
     /// Newest task frames and obstacles.
     pub frames: Subscriber<TaskFrames>,
+    _node: NodeGuard,
+}
+
+/// The port of somebody who wants to know how the controller is doing. Dropped, it leaves no files
+/// behind.
+#[derive(Debug)]
+pub struct StatusPort {
+    /// Statuses, each of them while no more than [`OBSERVER_BUFFER`] wait.
+    pub status: Subscriber<ControllerStatus>,
     _node: NodeGuard,
 }
 
@@ -397,7 +442,7 @@ mod tests {
                 assert!(robot.state.publish(RobotState { sequence, ..Default::default() }));
             }
         };
-        let kept = STATE_BUFFER as u64;
+        let kept = OBSERVER_BUFFER as u64;
         let received = || -> Vec<u64> {
             std::iter::from_fn(|| observer.state.receive().map(|s| s.sequence)).collect()
         };
@@ -407,6 +452,22 @@ mod tests {
         publish(kept + 1..=3 * kept);
         assert_eq!(received(), (2 * kept + 1..=3 * kept).collect::<Vec<_>>());
         assert_eq!(controller.state.receive().unwrap().sequence, 3 * kept);
+    }
+
+    #[test]
+    fn a_reader_of_the_status_gets_each_of_them_beside_a_robot() {
+        let instance = instance("status");
+        let reader = instance.open_status().unwrap();
+        let robot = instance.open_state_publisher().unwrap();
+        let controller = instance.open_controller().unwrap();
+        for sequence in 1..=OBSERVER_BUFFER as u64 {
+            let status = ControllerStatus { sequence, ..Default::default() };
+            assert!(controller.status.publish(status));
+        }
+        for sequence in 1..=OBSERVER_BUFFER as u64 {
+            assert_eq!(reader.status.receive().unwrap().sequence, sequence);
+        }
+        assert_eq!(robot.status.receive().unwrap().sequence, OBSERVER_BUFFER as u64);
     }
 
     #[test]

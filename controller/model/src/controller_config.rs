@@ -84,14 +84,19 @@ pub struct Loop {
     pub trigger: Trigger,
     /// Period of the schedule; also the deadline of a tick \[ns\].
     pub period_ns: u64,
+    /// Spins so long before the schedule, or around the time at which a state is expected, instead of
+    /// sleeping \[ns\].
+    pub spin_ns: u64,
     /// Older states stop the arm \[ns\].
     pub state_age_max_ns: u64,
     /// Older frames stop the arm \[ns\].
     pub frames_age_max_ns: u64,
     /// A command lives this long \[ns\].
     pub command_lifetime_ns: u64,
-    /// So many missed deadlines in a row stop the arm.
+    /// So many missed periods in a row stop the arm.
     pub overruns_in_a_row_max: u32,
+    /// The status is published once in so many ticks, and when it changes; in lockstep always.
+    pub status_every_ticks: u32,
 }
 
 /// How the velocities of frames become accelerations.
@@ -247,14 +252,48 @@ pub struct Done {
     pub angle_rad: f64,
 }
 
-/// Real-time set-up. Where a right is missing, the controller says so and goes on without.
-#[derive(Debug, Clone, Copy, Deserialize)]
+/// Something that the system has to grant to the loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub enum Grant {
+    /// A real-time priority.
+    FifoPriority,
+    /// A core of its own.
+    Cpu,
+    /// Memory that stays where it is.
+    LockMemory,
+    /// Cores that do not sleep deeply.
+    CpuLatency,
+}
+
+/// Real-time set-up. Where the system refuses something, the controller says so; it goes on without,
+/// unless that is required.
+#[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RealTime {
     /// SCHED_FIFO priority, 1 to 99; `None` keeps the ordinary scheduler.
     pub fifo_priority: Option<u8>,
+    /// The core that the loop is kept on; `None` leaves it to the scheduler.
+    pub cpu: Option<usize>,
     /// Whether memory is locked.
     pub lock_memory: bool,
+    /// Longest time in which a sleeping core may wake up, held in /dev/cpu_dma_latency; `None` leaves
+    /// it to the system \[µs\].
+    pub cpu_latency_max_us: Option<u32>,
+    /// Without these the controller does not start.
+    pub required: Vec<Grant>,
+}
+
+impl RealTime {
+    /// Whether this is asked for at all.
+    #[must_use]
+    pub fn asks_for(&self, grant: Grant) -> bool {
+        match grant {
+            Grant::FifoPriority => self.fifo_priority.is_some(),
+            Grant::Cpu => self.cpu.is_some(),
+            Grant::LockMemory => self.lock_memory,
+            Grant::CpuLatency => self.cpu_latency_max_us.is_some(),
+        }
+    }
 }
 
 /// The whole configuration.
@@ -355,9 +394,20 @@ impl SkillLeaf {
 /// # Errors
 /// [`ConfigError`], each naming the file, the key and what was expected.
 pub fn read(path: &Path) -> Result<ControllerConfig, ConfigError> {
+    read_with(path, |_| {})
+}
+
+/// Reads a configuration, lets `edit` change it and validates what comes out.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_with(
+    path: &Path,
+    edit: impl FnOnce(&mut ControllerConfig),
+) -> Result<ControllerConfig, ConfigError> {
     let text = std::fs::read_to_string(path)
         .map_err(|source| ConfigError::Read { path: path.into(), source })?;
-    parse(&text, path)
+    parse(&text, path, edit)
 }
 
 /// `path` as seen from `folder`, each `..` taken back where a folder stands before it.
@@ -375,7 +425,11 @@ fn relative_to(folder: &Path, path: &Path) -> PathBuf {
     joined
 }
 
-fn parse(text: &str, path: &Path) -> Result<ControllerConfig, ConfigError> {
+fn parse(
+    text: &str,
+    path: &Path,
+    edit: impl FnOnce(&mut ControllerConfig),
+) -> Result<ControllerConfig, ConfigError> {
     let options =
         ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
     let mut config: ControllerConfig =
@@ -384,6 +438,7 @@ fn parse(text: &str, path: &Path) -> Result<ControllerConfig, ConfigError> {
             position: error.span.to_string(),
             problem: error.code.to_string(),
         })?;
+    edit(&mut config);
     config.validate(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     config.robot.urdf = relative_to(folder, &config.robot.urdf);
@@ -476,6 +531,14 @@ impl ControllerConfig {
         if self.cycle.period_ns > 20_000_000 {
             check.fail("loop.period_ns", "at most 20000000 nanoseconds", &self.cycle.period_ns);
         }
+        if self.cycle.spin_ns > self.cycle.period_ns / 5 * 4 {
+            let expected = "at most four fifths of loop.period_ns: a real-time thread that does not \
+                            sleep is stopped by the kernel";
+            check.fail("loop.spin_ns", expected, &self.cycle.spin_ns);
+        }
+        if self.cycle.status_every_ticks == 0 {
+            check.fail("loop.status_every_ticks", "at least 1", &0);
+        }
         check.time("loop.state_age_max_ns", self.cycle.state_age_max_ns);
         check.time("loop.frames_age_max_ns", self.cycle.frames_age_max_ns);
         check.time("loop.command_lifetime_ns", self.cycle.command_lifetime_ns);
@@ -535,6 +598,12 @@ impl ControllerConfig {
         {
             check.fail("real_time.fifo_priority", "None, or 1 to 99", &priority);
         }
+        for grant in &self.real_time.required {
+            if !self.real_time.asks_for(*grant) {
+                let expected = "only what the keys beside it ask for";
+                check.fail("real_time.required", expected, grant);
+            }
+        }
         check.result
     }
 }
@@ -554,7 +623,7 @@ mod tests {
         let (path, text) = shipped();
         let edited = edit(&text);
         assert_ne!(edited, text, "the edit must hit");
-        parse(&edited, &path).unwrap_err().to_string()
+        parse(&edited, &path, |_| {}).unwrap_err().to_string()
     }
 
     #[test]
@@ -597,8 +666,21 @@ mod tests {
         assert!(error.contains("robot.velocity_share") && error.contains("at most 1"), "{error}");
         let error = error_of(|t| t.replace("period_ns: 1_000_000", "period_ns: 0"));
         assert!(error.contains("loop.period_ns"), "{error}");
+        let error = error_of(|t| t.replace("spin_ns: 0", "spin_ns: 800_001"));
+        assert!(error.contains("loop.spin_ns") && error.contains("four fifths"), "{error}");
+        let error = error_of(|t| t.replace("required: []", "required: [Cpu]"));
+        assert!(error.contains("real_time.required") && error.contains("Cpu"), "{error}");
         let error = error_of(|t| t.replace("acceleration_max: [", "acceleration_max: [1.0, "));
         assert!(error.contains("one number for each joint"), "{error}");
+    }
+
+    #[test]
+    fn what_an_edit_leaves_is_validated_too() {
+        let path = shipped().0;
+        let config = read_with(&path, |c| c.cycle.period_ns = 250_000).unwrap();
+        assert_eq!(config.cycle.period_ns, 250_000);
+        let error = read_with(&path, |c| c.real_time.fifo_priority = Some(100)).unwrap_err();
+        assert!(error.to_string().contains("real_time.fifo_priority"), "{error}");
     }
 
     #[test]
