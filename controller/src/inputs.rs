@@ -165,6 +165,9 @@ impl Scene {
     }
 }
 
+/// A frame whose acceleration is smaller has none [m/s² or rad/s²].
+const ACCELERATION_REST: f64 = 1e-9;
+
 /// The frame as it is now, with an acceleration of limited size: the filtered derivative of its
 /// velocity.
 fn observed(
@@ -189,9 +192,14 @@ fn observed(
     if !(linear.is_finite() && angular.is_finite()) {
         (linear, angular) = (DVec3::ZERO, DVec3::ZERO);
     }
+    // A frame that comes to rest would leave ever smaller numbers, at last subnormal ones, with which
+    // processors are slow.
+    let rest = |a: DVec3| if a.length() < ACCELERATION_REST { DVec3::ZERO } else { a };
+    let (linear_max, angular_max) =
+        (observer.linear_acceleration_max_m_s2, observer.angular_acceleration_max_rad_s2);
     FrameMotion {
-        linear_acceleration: linear.clamp_length_max(observer.linear_acceleration_max_m_s2),
-        angular_acceleration: angular.clamp_length_max(observer.angular_acceleration_max_rad_s2),
+        linear_acceleration: rest(linear.clamp_length_max(linear_max)),
+        angular_acceleration: rest(angular.clamp_length_max(angular_max)),
         ..*now
     }
 }
@@ -322,6 +330,11 @@ mod tests {
                 assert!(error < 0.03 * exact.length(), "{error}");
             }
         }
+        for _ in 0..2000 {
+            message.time_ns += 2_000_000;
+            scene.update(&message, &OBSERVER).unwrap();
+        }
+        assert_eq!(scene.frames()[1].linear_acceleration, DVec3::ZERO, "at a constant velocity");
         message.time_ns += 2_000_000;
         message.frames[1].linear_velocity = [1e6, 0.0, 0.0];
         scene.update(&message, &OBSERVER).unwrap();

@@ -173,13 +173,8 @@ impl WithRobot for Run<'_> {
             eprintln!("controller: this model fails its certificate in {failures} points");
         }
         let skill = loaded.model.skill.clone();
-        let mut cycle = startup::cycle::<N>(
-            &arguments.config,
-            loaded,
-            pace,
-            arguments.until_done,
-            &instance,
-        )?;
+        let mut cycle =
+            startup::cycle::<N>(&arguments.config, loaded, pace, arguments.until_done, &instance)?;
         // After the ports exist, so that nothing replaces the handlers.
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM, SIGHUP] {

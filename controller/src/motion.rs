@@ -102,8 +102,7 @@ impl<const N: usize> Motion<N> {
         let mut reference = self.reference.unwrap_or(Reference::at(state, &self.limits));
         let fade = (self.fade_s / self.stop.fade_in_s).min(1.0);
         self.fade_s += dt;
-        let brake =
-            braking(&reference.velocity, &self.limits, self.stop.deceleration_share, dt);
+        let brake = braking(&reference.velocity, &self.limits, self.stop.deceleration_share, dt);
         let faded = wanted * fade + brake * (1.0 - fade);
         let acceleration =
             self.limits.acceleration(&faded, &reference.position, &reference.velocity, dt);
@@ -128,9 +127,7 @@ impl<const N: usize> Motion<N> {
         self.lost = measured.is_none();
         let mut reference = match seen_again {
             Some(state) => Reference::at(&state, &self.limits),
-            None => {
-                self.reference.or(measured.map(|state| Reference::at(&state, &self.limits)))?
-            }
+            None => self.reference.or(measured.map(|state| Reference::at(&state, &self.limits)))?,
         };
         let share = self.stop.deceleration_share;
         let wanted = braking(&reference.velocity, &self.limits, share, dt);

@@ -69,7 +69,9 @@ impl Refusal {
                 "add `<user> - rtprio 99` to /etc/security/limits.conf and log in again, or give \
                  the binary CAP_SYS_NICE"
             }
-            Grant::Cpu => "set real_time.cpu to a core that this process may use, see `taskset -p $$`",
+            Grant::Cpu => {
+                "set real_time.cpu to a core that this process may use, see `taskset -p $$`"
+            }
             Grant::LockMemory => {
                 "add `<user> - memlock unlimited` to /etc/security/limits.conf and log in again"
             }

@@ -91,7 +91,8 @@ struct Seen {
 
 /// When the tick of a status was due \[ns\].
 fn due_ns(status: &ControllerStatus) -> i128 {
-    let late = status.wake_up_ns + status.receiving_ns + status.evaluation_ns + status.publishing_ns;
+    let late =
+        status.wake_up_ns + status.receiving_ns + status.evaluation_ns + status.publishing_ns;
     i128::from(status.time_ns) - i128::from(late)
 }
 
@@ -226,9 +227,8 @@ impl Soak {
     ) -> Result<(), StartError> {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         let begin = Instant::now();
-        let over = || {
-            begin.elapsed().as_secs_f64() >= self.duration_s || stop.load(Ordering::Relaxed)
-        };
+        let over =
+            || begin.elapsed().as_secs_f64() >= self.duration_s || stop.load(Ordering::Relaxed);
         let mut memory = Instant::now();
         while !over() {
             seen.starts += 1;
@@ -338,8 +338,7 @@ mod tests {
     #[test]
     fn drift_is_seen_whatever_was_late_or_skipped() {
         let drift = |stretch| {
-            let (first, last) =
-                (status(3, 0, 40, stretch), status(1_000_000, 17, 90_000, stretch));
+            let (first, last) = (status(3, 0, 40, stretch), status(1_000_000, 17, 90_000, stretch));
             Seen { first: Some(first), last: Some(last), ..Default::default() }.drift_ns()
         };
         assert_eq!(drift(0), Some(0));
@@ -350,7 +349,8 @@ mod tests {
     #[test]
     fn growth_compares_the_end_with_the_time_after_the_start() {
         let seen = |memory_kib: Vec<i64>| Seen { memory_kib, ..Default::default() };
-        let flat: Vec<i64> = (0..100).map(|i| if i < 15 { 100 * i } else { 2000 + i % 3 }).collect();
+        let flat: Vec<i64> =
+            (0..100).map(|i| if i < 15 { 100 * i } else { 2000 + i % 3 }).collect();
         assert_eq!(seen(flat).growth_kib(), Some(0));
         assert_eq!(seen((0..100).collect()).growth_kib(), Some(99 - 39));
         assert_eq!(seen(vec![]).growth_kib(), None);

@@ -318,8 +318,7 @@ mod tests {
         for i in 0..100_u64 {
             telemetry.record(&tick(i * 37 % 100 * 1000));
         }
-        let ending =
-            Ending { life_cycle: LifeCycle::Running, allocations: 0, page_faults: None };
+        let ending = Ending { life_cycle: LifeCycle::Running, allocations: 0, page_faults: None };
         let summary = telemetry.summary(&ending);
         let worst = summary["worst_ticks"].as_array().unwrap();
         assert_eq!(worst.len(), WORST_TICKS);

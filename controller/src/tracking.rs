@@ -44,9 +44,15 @@ impl<const N: usize> Reference<N> {
         let share = dt / (dt + time_constant_s);
         self.position += (measured.position - self.position) * share;
         self.velocity += (measured.velocity - self.velocity) * share;
-        self.velocity = self.velocity.zip_map(&limits.velocity_max, |v, most| v.clamp(-most, most));
+        // At rest it is zero, not ever smaller: processors are slow with subnormal numbers.
+        self.velocity = self.velocity.zip_map(&limits.velocity_max, |v, most| {
+            if v.abs() < VELOCITY_REST { 0.0 } else { v.clamp(-most, most) }
+        });
     }
 }
+
+/// A reference that is slower does not move [rad/s or m/s].
+const VELOCITY_REST: f64 = 1e-12;
 
 /// The acceleration that brings the reference to rest: every joint arrives at zero together, the
 /// hardest-braked one with `share` of its largest acceleration.
@@ -141,5 +147,9 @@ mod tests {
         }
         assert!((reference.position - measured.position).norm() < 1e-6);
         assert!(reference.velocity.norm() < 1e-6);
+        for _ in 0..2000 {
+            reference.follow(&measured, &limits(), 0.1, 1e-3);
+        }
+        assert_eq!(reference.velocity, Vector2::zeros());
     }
 }

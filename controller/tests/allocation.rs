@@ -70,13 +70,8 @@ impl WithRobot for Run {
     type Output = Outcome;
 
     fn call<const N: usize>(self) -> Result<Outcome, StartError> {
-        let mut cycle = startup::cycle::<N>(
-            &self.config_path,
-            self.loaded,
-            self.pace,
-            false,
-            &self.instance,
-        )?;
+        let mut cycle =
+            startup::cycle::<N>(&self.config_path, self.loaded, self.pace, false, &self.instance)?;
         let ending = cycle.run(&self.stop);
         let telemetry = cycle.telemetry();
         Ok(Outcome { ending, connections: telemetry.connections, ticks: telemetry.ticks })

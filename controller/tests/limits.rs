@@ -2,11 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::DQuat;
 use nalgebra::SVector;
 use proptest::prelude::*;
-use tprmp_controller::inputs::JointState;
+use tprmp_controller::inputs::{JointState, Scene, check_state};
 use tprmp_controller::limits::JointLimits;
 use tprmp_controller::motion::{Motion, Setpoint};
+use tprmp_controller::policy::{Policy, Task, TaskParameters, Workspace};
+use tprmp_controller::startup;
+use tprmp_messages::{Frame, Obstacle, ObstacleKind, Reason, RobotState, TaskFrames, name_bytes};
 use tprmp_model::controller_config::{self, ControllerConfig};
 use tprmp_robot::Chain;
 
@@ -57,9 +61,13 @@ fn event() -> impl Strategy<Value = Event> {
 }
 
 fn measured() -> impl Strategy<Value = Measured> {
-    let elsewhere = prop_oneof![30 => Just(None), 1 => prop::array::uniform6(0.0..=1.0).prop_map(Some)];
-    (joints(0.02), joints(6.0), elsewhere)
-        .prop_map(|(position, velocity, elsewhere)| Measured { position, velocity, elsewhere })
+    let elsewhere =
+        prop_oneof![30 => Just(None), 1 => prop::array::uniform6(0.0..=1.0).prop_map(Some)];
+    (joints(0.02), joints(6.0), elsewhere).prop_map(|(position, velocity, elsewhere)| Measured {
+        position,
+        velocity,
+        elsewhere,
+    })
 }
 
 fn inside(
@@ -70,7 +78,9 @@ fn inside(
     let torque = setpoint.torques.motion + setpoint.torques.gravity;
     for i in 0..N {
         let position = setpoint.position[i];
-        prop_assert!(position >= chain.position_lower()[i] && position <= chain.position_upper()[i]);
+        prop_assert!(
+            position >= chain.position_lower()[i] && position <= chain.position_upper()[i]
+        );
         prop_assert!(setpoint.velocity[i].abs() <= limits.velocity_max[i] * (1.0 + 1e-12));
         prop_assert!(setpoint.acceleration[i].abs() <= limits.acceleration_max[i] * (1.0 + 1e-12));
         prop_assert!(torque[i].abs() <= limits.effort_max[i] * (1.0 + 1e-12));
@@ -80,8 +90,116 @@ fn inside(
     Ok(())
 }
 
+/// Gains over many decades: from a policy that hardly speaks to one that shouts.
+fn decades() -> impl Strategy<Value = f64> {
+    (-3.0..4.0_f64).prop_map(|e| 10_f64.powf(e))
+}
+
+/// A number as a broken publisher may send it.
+fn number(range: f64) -> impl Strategy<Value = f64> {
+    prop_oneof![60 => -range..range, 1 => Just(f64::NAN), 1 => Just(f64::INFINITY),
+        1 => Just(1e300), 1 => Just(-1e300), 1 => Just(1e-310)]
+}
+
+fn frame(name: &'static str) -> impl Strategy<Value = Frame> {
+    let numbers = prop::collection::vec(number(2.0), 9);
+    let turn = (-4.0..4.0_f64, -4.0..4.0_f64, -4.0..4.0_f64);
+    (numbers, turn, prop_oneof![30 => Just(1), 1 => Just(0)]).prop_map(move |(n, turn, valid)| {
+        let turn = DQuat::from_scaled_axis(turn.into());
+        Frame {
+            name: name_bytes(name).unwrap(),
+            valid,
+            position: [n[0], n[1], n[2]],
+            quaternion: [turn.w, turn.x, turn.y, turn.z],
+            linear_velocity: [n[3], n[4], n[5]],
+            angular_velocity: [n[6], n[7], n[8]],
+            ..Default::default()
+        }
+    })
+}
+
+fn sphere() -> impl Strategy<Value = Obstacle> {
+    prop::collection::vec(number(1.0), 7).prop_map(|n| Obstacle {
+        kind: ObstacleKind::Sphere.to_wire(),
+        valid: 1,
+        position: [n[0], n[1], n[2]],
+        quaternion: [1.0, 0.0, 0.0, 0.0],
+        linear_velocity: [n[3], n[4], n[5]],
+        size: [n[6].abs(), 0.0, 0.0],
+    })
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
+
+    /// Random gains and random messages, faulty ones too, through checks, policy, limits and torques.
+    #[test]
+    fn no_policy_and_no_message_lead_outside_the_limits(
+        gains in prop::array::uniform6(decades()),
+        start in prop::array::uniform6(0.0..=1.0_f64),
+        messages in prop::collection::vec(
+            (frame("start"), frame("end"), prop::collection::vec(sphere(), 0..4),
+                prop::collection::vec(number(4.0), N), 1e-5..0.02_f64),
+            1..40,
+        ),
+    ) {
+        let root: PathBuf = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let config_path = root.join("config/controllers/ur5_pick.ron");
+        let model = root.join("learner/tests/golden/canonical_poses.ron");
+        let edit = |config: &mut ControllerConfig| {
+            config.skill.linear_inertia_kg = gains[0];
+            config.skill.angular_inertia_kg_m2 = gains[1];
+            config.joint_damping.inertia = gains[2];
+            config.joint_damping.damping_1_s = gains[3];
+            config.impedance.stiffness_1_s2 = gains[4];
+            config.impedance.damping_1_s = gains[5];
+        };
+        let loaded = startup::load_with(&config_path, edit, &model, false).unwrap();
+        let (chain, points) = startup::robot::<N>(&config_path, &loaded.config).unwrap();
+        let policy = Policy::new(chain, loaded.skill, &points, &loaded.config);
+        let chain = policy.chain();
+        let limits = JointLimits::new(chain, &loaded.config.robot);
+        let mut motion = Motion::new(limits, &loaded.config);
+        let mut workspace = Workspace::new();
+        let names = ["start", "end"].map(|name| name_bytes(name).unwrap());
+        let mut scene = Scene::new(names.into(), 1);
+        let range = chain.position_upper() - chain.position_lower();
+        let mut q = chain.position_lower() + range.component_mul(&Joints::from(start));
+        for (k, (first, second, spheres, velocity, dt)) in messages.into_iter().enumerate() {
+            let mut state = RobotState { joint_count: N as u32, ..Default::default() };
+            state.position[..N].copy_from_slice(q.as_slice());
+            state.velocity[..N].copy_from_slice(&velocity);
+            let mut frames = TaskFrames {
+                time_ns: 1 + k as u64 * 1_000_000,
+                frame_count: 2,
+                obstacle_count: spheres.len() as u32,
+                ..Default::default()
+            };
+            frames.frames[..2].copy_from_slice(&[first, second]);
+            frames.obstacles[..spheres.len()].copy_from_slice(&spheres);
+            let seen = scene.update(&frames, &loaded.config.frame_observer);
+            let measured = check_state(&state, chain);
+            let decided = seen.and(measured).and_then(|state| {
+                let parameters = TaskParameters {
+                    frames: scene.frames(),
+                    goal_frame: scene.goal_frame(),
+                    obstacles: scene.obstacles(),
+                };
+                let (q, qd) = (&state.position, &state.velocity);
+                policy
+                    .evaluate(q, qd, &Task::Skill, &parameters, &mut workspace)
+                    .map_err(|_| Reason::ResolveFailed)
+                    .and_then(|decision| {
+                        motion.follow(chain, &state, &decision.acceleration, dt)
+                    })
+            });
+            let setpoint = decided.ok().or_else(|| motion.brake(chain, measured.ok(), dt));
+            if let Some(setpoint) = setpoint {
+                inside(&setpoint, &limits, chain)?;
+                q = setpoint.position;
+            }
+        }
+    }
 
     #[test]
     fn no_command_leaves_the_limits(

@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 use tprmp_messages::{
-    Instance, NAME_CAPACITY, ObserverPorts, RobotState, OBSERVER_BUFFER, ServiceError, name_bytes,
+    Instance, NAME_CAPACITY, OBSERVER_BUFFER, ObserverPorts, RobotState, ServiceError, name_bytes,
 };
 use tprmp_model::controller_config::{self, ConfigError};
 use tprmp_robot::UrdfError;

@@ -164,7 +164,8 @@ fn top_shows_a_running_controller_and_says_when_there_is_none() {
         robot.live();
     }
     let shown = text(&finish(looking));
-    for part in [&place.instance, "Hz, period 1000 µs", "allocations in the loop 0", "evaluation"] {
+    for part in [&place.instance, "Hz, period 1000 µs", "allocations in the loop 0", "evaluation"]
+    {
         assert!(shown.contains(part), "expected `{part}` in: {shown}");
     }
     stop_live(robot, controller);
@@ -189,7 +190,15 @@ fn a_short_soak_holds_and_one_without_a_publisher_does_not() {
     let scene = file("config/scenes/planar.json");
     let out = place.path("publisher");
     let publisher = [
-        simulator, "run", "--scene", &scene, "--seed", "{seed}", "--out", &out, "--instance",
+        simulator,
+        "run",
+        "--scene",
+        &scene,
+        "--seed",
+        "{seed}",
+        "--out",
+        &out,
+        "--instance",
         &place.instance,
     ];
     let output = soak("0.2", &publisher);

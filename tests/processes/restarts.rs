@@ -100,18 +100,20 @@ fn the_arm_rests_when_its_controller_is_killed() {
     rests_without_its_controller("sim-bridge", "config/controllers/ur5_pick.ron", "pick", 0.4);
 }
 
-/// Waits until the policy is followed in a status that was published from now on; in one after a
-/// reason not to, where `interrupted`.
-fn followed(port: &StatusPort, interrupted: bool) {
+/// Waits until the policy is followed by a controller that was started anew, or that has connected
+/// to a publisher since it had `connections`, for longer than an old state is believed. Gives how
+/// many connections it has then.
+fn followed(port: &StatusPort, connections: Option<u64>) -> u64 {
     let start = Instant::now();
     while port.status.receive().is_some() {}
-    let mut interrupted = interrupted;
+    let mut since = None;
     loop {
         while let Some(status) = port.status.receive() {
-            let none = status.reason == Reason::None.to_wire();
-            interrupted &= none;
-            if status.ticks > 0 && none && !interrupted {
-                return;
+            if connections.is_none_or(|before| status.connections > before) {
+                let since = *since.get_or_insert(status.ticks);
+                if status.reason == Reason::None.to_wire() && status.ticks >= since + 100 {
+                    return status.connections;
+                }
             }
         }
         assert!(start.elapsed() < PATIENCE, "the policy is not followed again");
@@ -127,7 +129,7 @@ fn a_hundred_random_kills_need_no_clean_up() {
     let port = Instance::new(&place.instance).unwrap().open_status().unwrap();
     let mut publisher = bridge(&place, "planar-sim");
     let mut controller = quiet_controller(&place, config, &model);
-    followed(&port, false);
+    let mut connections = followed(&port, None);
     let mut seed = 1_u64;
     let mut random = |below: u64| {
         seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963);
@@ -141,12 +143,12 @@ fn a_hundred_random_kills_need_no_clean_up() {
         if left || random(2) == 0 {
             kill(publisher);
             publisher = bridge(&place, "planar-sim");
-            followed(&port, true);
+            connections = followed(&port, Some(connections));
             killed[0] += 1;
         } else {
             kill(controller);
             controller = quiet_controller(&place, config, &model);
-            followed(&port, false);
+            connections = followed(&port, None);
             killed[1] += 1;
         }
     }

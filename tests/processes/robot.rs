@@ -34,8 +34,7 @@ impl Robot {
             quaternion: [1.0, 0.0, 0.0, 0.0],
             ..Default::default()
         };
-        let mut frames =
-            TaskFrames { frame_count: 3, obstacle_count: 1, ..Default::default() };
+        let mut frames = TaskFrames { frame_count: 3, obstacle_count: 1, ..Default::default() };
         frames.frames[0] = frame("start", [0.0, 0.0, 0.0]);
         frames.frames[1] = frame("end", [2.0, 1.0, 0.0]);
         frames.frames[2] = frame("of-no-use", [0.0, 0.0, 1.0]);
