@@ -90,6 +90,7 @@ bench: build
 	@for skill in pick planar; do \
 	    $(BIN)/learner train config/skills/$$skill.ron --out target/bench/$$skill.model.ron > /dev/null || exit 1; done
 	$(CARGO) bench --locked --bench evaluation
+	$(CARGO) bench --locked --bench subnormal
 	$(CARGO) bench --locked --bench training
 
 soak: seed build
