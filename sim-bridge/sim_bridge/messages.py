@@ -221,7 +221,7 @@ class ControllerStatus(ctypes.Structure):
 
 MESSAGES = {
     "RobotState": (RobotState, 216),
-    "TaskFrames": (TaskFrames, 4696),
+    "TaskFrames": (TaskFrames, 5464),
     "Frame": (Frame, 136),
     "Obstacle": (Obstacle, 136),
     "JointCommand": (JointCommand, 368),
