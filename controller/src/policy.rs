@@ -58,6 +58,8 @@ struct Links<'a, const N: usize> {
     kinematics: &'a Kinematics<N>,
     centres: &'a [DVec3],
     motions: &'a [OnceCell<PointMotion<N>>],
+    tool: &'a Pose,
+    tool_goal: &'a Pose,
 }
 
 impl<const N: usize> Body<N> for Links<'_, N> {
@@ -90,6 +92,13 @@ impl<const N: usize> Body<N> for Links<'_, N> {
             Shape::HalfSpace => ExemptObstacle::HalfSpace,
         };
         !self.policy.points[i].exempt.contains(&kind)
+    }
+
+    /// Known of the points that move with the tool.
+    fn at_goal(&self, i: usize) -> Option<DVec3> {
+        let with_tool = self.policy.points[i].point.joint + 1 == N;
+        let from_tool = self.tool.orientation.conjugate() * (self.centres[i] - self.tool.position);
+        with_tool.then(|| self.tool_goal.position + self.tool_goal.orientation * from_tool)
     }
 }
 
@@ -248,6 +257,11 @@ impl<const N: usize> Policy<N> {
             kinematics,
             centres: &workspace.centres,
             motions: &workspace.motions,
+            tool: &tool,
+            tool_goal: match task {
+                Task::Skill => &goal,
+                Task::Reach(pose) => pose,
+            },
         };
         let obstacles = parameters.obstacles;
         let dt = parameters.dt_s;

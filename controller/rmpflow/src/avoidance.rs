@@ -23,7 +23,7 @@
 //! task leads away. It is always turned in the same sense, also by neighbouring obstacles, so that it
 //! leaves a hollow of the potential. But where the energy of the task is well below that at the choice
 //! of the side, and the task leads back, κ fades away: the goal has been passed, and there is no going
-//! around it. A side on which the body comes to rest, in a low hollow or because its
+//! around it. So it does at an obstacle that covers the goal: the body waits beside it. A side on which the body comes to rest, in a low hollow or because its
 //! joints let it go no further, is given up for another. At a goal at rest u = 0 and nothing presses, however near
 //! the obstacle. The steering does work: the energy of the
 //! tree falls where nothing presses on an obstacle.
@@ -51,6 +51,9 @@ const LOW: f64 = 0.25;
 const REST_SHARE: f64 = 0.05;
 /// … for so long tries another side [s].
 const REST_S: f64 = 0.5;
+/// Clearance of the goal from an obstacle above which the obstacle is gone around; at none it covers
+/// the goal [m].
+const GOAL_CLEARANCE_M: f64 = 0.02;
 /// Part of the mean of J M⁻¹Jᵀ's diagonal that is added to it: a point that cannot move in some
 /// direction is not pushed there.
 const TASK_DAMPING: f64 = 3e-3;
@@ -78,6 +81,8 @@ pub trait Body<const N: usize> {
     fn motion(&self, i: usize) -> PointMotion<N>;
     /// Whether point `i` keeps clear of an obstacle of this shape.
     fn avoids(&self, i: usize, shape: &Shape) -> bool;
+    /// Where point `i` is once the task is done, as far as that is known \[m\].
+    fn at_goal(&self, i: usize) -> Option<DVec3>;
 }
 
 /// A ball that moves freely: its first coordinates are x, y and, where there are three, z.
@@ -89,6 +94,8 @@ pub struct FreeBall {
     pub velocity: DVec3,
     /// Radius \[m\].
     pub radius: f64,
+    /// Goal \[m\].
+    pub goal: DVec3,
 }
 
 impl<const N: usize> Body<N> for FreeBall {
@@ -111,6 +118,10 @@ impl<const N: usize> Body<N> for FreeBall {
 
     fn avoids(&self, _: usize, _: &Shape) -> bool {
         true
+    }
+
+    fn at_goal(&self, _: usize) -> Option<DVec3> {
+        Some(self.goal)
     }
 }
 
@@ -209,6 +220,7 @@ impl Avoidance {
         let (mut pressing_sum, mut motion_sum) = (0.0, 0.0);
         for (k, obstacle) in obstacles.iter().enumerate() {
             let mut near = false;
+            let mut open = None;
             let (mut sum, mut weight_sum) = (SVector::<f64, N>::zeros(), 0.0);
             for i in 0..body.count() {
                 let (position, radius) = body.ball(i);
@@ -241,7 +253,9 @@ impl Avoidance {
                 let normal = clearance.normal;
                 let chosen = state.axis(k, &steering, normal, wanted, beta, task_energy);
                 let Some(axis) = chosen else { continue };
-                let gain = steering.gain * state.persistence(normal, wanted, axis, task_energy);
+                let open = *open.get_or_insert_with(|| self.goal_share(body, obstacle));
+                let persistence = state.persistence(normal, wanted, axis, task_energy);
+                let gain = steering.gain * persistence * open;
                 let aside = normal + axis.cross(normal) * gain;
                 let turned = (wanted + aside * weight).clamp_length_max(wanted.length());
                 let change = turned - wanted;
@@ -265,6 +279,18 @@ impl Avoidance {
         let rests = pressing_sum > 0.0 && motion_sum < REST_SHARE * pressing_sum;
         state.rest_s = if rests { state.rest_s + dt } else { 0.0 };
         seen
+    }
+}
+
+impl Avoidance {
+    /// 0 where the obstacle covers the goal, 1 where the goal is well clear of it.
+    fn goal_share<const N: usize>(&self, body: &impl Body<N>, obstacle: &Obstacle) -> f64 {
+        let clearance = |i: usize| {
+            let goal = body.at_goal(i).filter(|_| body.avoids(i, &obstacle.shape))?;
+            Some(obstacle.distance(goal, body.ball(i).1 + self.margin_m))
+        };
+        let least = (0..body.count()).filter_map(clearance).fold(f64::INFINITY, f64::min);
+        (least / GOAL_CLEARANCE_M).clamp(0.0, 1.0)
     }
 }
 

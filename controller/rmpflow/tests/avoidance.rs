@@ -59,7 +59,7 @@ fn run<const N: usize>(
 ) -> Run {
     let tree = tree::<N>(side);
     let mut state = TreeState::default();
-    let mut ball = FreeBall { position: DVec3::ZERO, velocity: DVec3::ZERO, radius: 0.02 };
+    let mut ball = FreeBall { position: DVec3::ZERO, velocity: DVec3::ZERO, radius: 0.02, goal };
     let to_vector = |v: DVec3| SVector::<f64, N>::from_fn(|i, _| v[i]);
     let mut result = Run {
         goal_error: f64::INFINITY,
@@ -157,6 +157,23 @@ fn a_goal_beside_an_obstacle_is_reached_exactly() {
     let ball = |_: f64| vec![Obstacle::sphere(goal + DVec3::Y * 0.37, 0.3, DVec3::ZERO)];
     let result = run::<2>(Side::Plane, goal, 0.005, 12.0, ball);
     assert!(result.goal_error < 1e-4, "{}", result.goal_error);
+}
+
+#[test]
+fn at_an_obstacle_that_covers_the_goal_the_ball_waits() {
+    let ball = |t: f64| {
+        let center = DVec3::X * if t < 6.0 { 1.0 } else { 1.0 + (t - 6.0) * 0.3 };
+        let velocity = if t < 6.0 { DVec3::ZERO } else { DVec3::X * 0.3 };
+        vec![Obstacle::sphere(center, 0.2, velocity)]
+    };
+    let goal = DVec3::new(0.95, 0.03, 0.0);
+    let waiting = run::<2>(Side::Plane, goal, 0.002, 6.0, ball);
+    let before = run::<2>(Side::Plane, goal, 0.002, 5.0, ball);
+    assert!(waiting.clearance_min > 0.0);
+    assert!((waiting.goal_error - before.goal_error).abs() < 1e-3, "it still moves");
+    assert!(waiting.goal_error < 0.3, "{}", waiting.goal_error);
+    let then = run::<2>(Side::Plane, goal, 0.002, 14.0, ball);
+    assert!(then.goal_error < 1e-3, "{}", then.goal_error);
 }
 
 #[test]

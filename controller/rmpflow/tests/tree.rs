@@ -65,6 +65,10 @@ impl Body<3> for Arm {
     fn avoids(&self, _: usize, _: &Shape) -> bool {
         true
     }
+
+    fn at_goal(&self, _: usize) -> Option<DVec3> {
+        None
+    }
 }
 
 fn tree(steering: Option<Steering>) -> Tree<3> {
