@@ -4,7 +4,7 @@ use core::cell::OnceCell;
 
 use glam::DVec3;
 use nalgebra::SVector;
-use tprmp_model::controller_config::{ControllerConfig, ExemptObstacle, Exemption};
+use tprmp_model::controller_config::{Collision, ControllerConfig, ExemptObstacle, Exemption};
 use tprmp_rmpflow::avoidance::{Body, PointMotion, add_clearance};
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::governor::SpeedGovernor;
@@ -324,7 +324,7 @@ fn tree<const N: usize>(
             margin_m: own.margin_m,
             pairs: SelfPairs::new(chain, points, &own.exempt).watched.into(),
         }),
-        avoidance: config.collision.as_ref().map(|collision| collision.leaf()),
+        avoidance: config.collision.as_ref().map(Collision::leaf),
         obstacle_jerk_max: config.collision.as_ref().map(|c| acceleration_max / c.onset_s),
     }
 }
