@@ -9,10 +9,10 @@ use std::path::Path;
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::{DQuat, DVec3};
 use nalgebra::SVector;
-use tprmp_controller::policy::{Policy, Task, TaskParameters, Workspace};
+use tprmp_controller::policy::{Policy, Task, TaskParameters};
 use tprmp_controller::startup;
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
-use tprmp_rmpflow::leaves::Obstacle;
+use tprmp_rmpflow::leaves::{Obstacle, Shape};
 use tprmp_robot::{Kinematics, forward_kinematics_with_velocity, inverse_dynamics};
 
 /// A configuration and the model that `make bench` trained for it.
@@ -48,8 +48,8 @@ fn tick<const N: usize>(
     obstacles: &[Obstacle],
 ) {
     let qd = SVector::<f64, N>::repeat(0.1);
-    let parameters = TaskParameters { frames: &frames, goal_frame: 1, obstacles };
-    let mut workspace = Workspace::new();
+    let parameters = TaskParameters { frames: &frames, goal_frame: 1, obstacles, dt_s: 1e-3 };
+    let mut workspace = policy.workspace();
     criterion.bench_function(name, |b| {
         b.iter(|| {
             policy
@@ -68,15 +68,31 @@ fn evaluation(criterion: &mut Criterion) {
     };
     let frames = [FrameMotion::at_rest(home), moving([0.5, -0.25, 0.03], 0.3)];
     let obstacles = [
-        Obstacle::Sphere {
-            center: DVec3::new(0.48, 0.0, 0.25),
-            radius: 0.06,
-            velocity: DVec3::Y * 0.1,
-        },
-        Obstacle::HalfSpace { point: DVec3::ZERO, normal: DVec3::Z, velocity: DVec3::ZERO },
+        Obstacle::sphere(DVec3::new(0.48, 0.0, 0.25), 0.06, DVec3::Y * 0.1),
+        Obstacle::half_space(DVec3::ZERO, DVec3::Z, DVec3::ZERO),
     ];
     tick(criterion, "tick, UR5, R3xS3, no obstacles", &pick, q, frames, &[]);
     tick(criterion, "tick, UR5, R3xS3, sphere and table", &pick, q, frames, &obstacles);
+
+    // Eight obstacles of all shapes around the arm, some within reach of its leaves.
+    let crowd = [
+        obstacles[0],
+        obstacles[1],
+        Obstacle::sphere(DVec3::new(0.2, 0.3, 0.5), 0.08, DVec3::X * 0.1),
+        Obstacle::sphere(DVec3::new(0.6, 0.3, 0.2), 0.05, DVec3::ZERO),
+        Obstacle {
+            shape: Shape::Capsule { radius: 0.04, half_length: 0.2 },
+            ..Obstacle::sphere(DVec3::new(0.3, -0.2, 0.5), 0.0, DVec3::Y * 0.05)
+        },
+        Obstacle {
+            shape: Shape::Box { half_size: DVec3::new(0.1, 0.05, 0.2) },
+            angular_velocity: DVec3::Z * 0.3,
+            ..Obstacle::sphere(DVec3::new(0.5, 0.4, 0.3), 0.0, DVec3::ZERO)
+        },
+        Obstacle::sphere(DVec3::new(0.0, 0.4, 0.3), 0.06, DVec3::ZERO),
+        Obstacle::half_space(DVec3::new(-0.6, 0.0, 0.0), DVec3::X, DVec3::ZERO),
+    ];
+    tick(criterion, "tick, UR5, R3xS3, whole arm, 8 obstacles", &pick, q, frames, &crowd);
 
     let planar = policy::<2>("planar.ron", "planar.model.ron");
     let frames = [moving([-1.3, 0.0, 0.0], 0.1), moving([1.2, -0.1, 0.0], -0.1)];

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use tprmp_messages::{SHARED_MEMORY_MIN_BYTES, free_shared_memory_bytes};
 use tprmp_model::controller_config::{self, ControllerConfig, Grant, RealTime};
+use tprmp_robot::{Chain, ControlPoints, Ignored, SelfPairs};
 
 use crate::realtime;
 use crate::startup::{self, StartError, WithRobot};
@@ -68,7 +69,48 @@ impl WithRobot for Describe<'_> {
             points.as_slice().len()
         );
         line("ok", "robot", &text);
+        list_control_points(&chain, &points);
+        if let Some(own) = &self.config.self_collision {
+            list_pairs(&chain, &SelfPairs::new(&chain, &points, &own.exempt));
+        }
         Ok(())
+    }
+}
+
+/// How many spheres cover each link, and how large they are.
+fn list_control_points<const N: usize>(chain: &Chain<N>, points: &ControlPoints) {
+    for (index, (link, _)) in chain.moving_links().iter().enumerate() {
+        let radii = points.as_slice().iter().filter(|p| p.link == index).map(|p| p.radius);
+        let (count, least, most) = radii
+            .fold((0, f64::INFINITY, 0.0_f64), |(n, least, most), r| {
+                (n + 1, least.min(r), most.max(r))
+            });
+        let text = match count {
+            0 => format!("{link}: no collision shape, so it is not kept clear"),
+            1 => format!("{link}: 1 sphere of {:.0} mm covers it", most * 1e3),
+            _ => format!(
+                "{link}: {count} spheres of {:.0} to {:.0} mm cover it",
+                least * 1e3,
+                most * 1e3
+            ),
+        };
+        line("ok", "control points", &text);
+    }
+}
+
+/// Which links are kept clear of each other, and which are not.
+fn list_pairs<const N: usize>(chain: &Chain<N>, pairs: &SelfPairs) {
+    let name = |link: usize| chain.moving_links()[link].0.as_str();
+    let text = format!("{} pairs of spheres are kept apart", pairs.watched.len());
+    line("ok", "self-collision", &text);
+    for (one, other, why) in &pairs.ignored {
+        let why = match why {
+            Ignored::Adjacent => "neighbours",
+            Ignored::Touching => "they touch in nearly every posture",
+            Ignored::Exempt => "exempt",
+        };
+        let text = format!("{} and {} are not watched: {why}", name(*one), name(*other));
+        line("ok", "self-collision", &text);
     }
 }
 

@@ -23,6 +23,7 @@ use crate::overruns::Overruns;
 use crate::pacing::{Arrivals, POLL_NS, Pace, Schedule, Wake};
 use crate::policy::{Policy, TaskParameters, Workspace};
 use crate::realtime::{PageFaults, monotonic_ns, sleep_until, spin_until};
+use crate::standstill::Standstill;
 use crate::task::{Course, Remaining};
 use crate::telemetry::{Connections, Telemetry, Tick, TickTimes};
 
@@ -53,6 +54,7 @@ pub struct Ending {
 pub struct Cycle<const N: usize> {
     policy: Policy<N>,
     workspace: Workspace<N>,
+    standstill: Standstill,
     config: ControllerConfig,
     pace: Pace,
     until_done: bool,
@@ -105,7 +107,8 @@ impl<const N: usize> Cycle<N> {
         let limits = JointLimits::new(policy.chain(), &config.robot);
         let cycle = &config.cycle;
         Self {
-            workspace: Workspace::new(),
+            workspace: policy.workspace(),
+            standstill: Standstill::default(),
             schedule: Schedule::new(cycle.period_ns, 0),
             arrivals: Arrivals::new(cycle.period_ns, cycle.spin_ns, 0),
             overruns: Overruns::new(cycle.overruns_in_a_row_max),
@@ -198,7 +201,7 @@ impl<const N: usize> Cycle<N> {
             };
             let followed = permitted.and_then(|state| self.follow_policy(&state, dt, wake.now_ns));
             let (mode, reason) = match followed {
-                Ok(()) => (CommandMode::Track, Reason::None),
+                Ok(reason) => (CommandMode::Track, reason),
                 Err(reason) => {
                     self.braking_for = Some(reason);
                     (self.brake(measured.ok(), dt), reason)
@@ -388,14 +391,21 @@ impl<const N: usize> Cycle<N> {
         self.braking_for.map_or(Ok(()), Err)
     }
 
-    /// Evaluates the policy, limits its acceleration and prepares the command.
-    fn follow_policy(&mut self, state: &JointState<N>, dt: f64, now_ns: u64) -> Result<(), Reason> {
+    /// Evaluates the policy, limits its acceleration and prepares the command. Tells why the task does
+    /// not get on, if it does not.
+    fn follow_policy(
+        &mut self,
+        state: &JointState<N>,
+        dt: f64,
+        now_ns: u64,
+    ) -> Result<Reason, Reason> {
         let gripper = self.state.as_ref().map_or(0, |s| s.gripper_state);
         let gripper = GripperState::from_wire(gripper).ok_or(Reason::GripperUnknown)?;
         let parameters = TaskParameters {
             frames: self.scene.frames(),
             goal_frame: self.scene.goal_frame(),
             obstacles: self.scene.obstacles(),
+            dt_s: dt,
         };
         let decision = self
             .policy
@@ -416,7 +426,8 @@ impl<const N: usize> Cycle<N> {
         let done_since_ns =
             (life_cycle == LifeCycle::Done).then(|| self.progress.done_since_ns.unwrap_or(now_ns));
         self.progress = Progress { life_cycle, remaining, energy: decision.energy, done_since_ns };
-        Ok(())
+        let speed = state.velocity.amax();
+        Ok(self.standstill.advance(life_cycle, speed, &decision.surroundings, dt))
     }
 
     /// Prepares a command that leads the arm to rest and holds it there; where that cannot be done
@@ -479,7 +490,7 @@ impl<const N: usize> Cycle<N> {
         let published_ns = monotonic_ns();
         let timed = self.pace != Pace::Lockstep;
         // A state that was refused was not used.
-        let used = self.state.as_ref().filter(|_| reason == Reason::None);
+        let used = self.state.as_ref().filter(|_| follows_policy(reason));
         let tick = Tick {
             time_ns: published_ns,
             times: TickTimes {
@@ -501,7 +512,7 @@ impl<const N: usize> Cycle<N> {
 
     fn publish_status(&mut self, reason: Reason, now_ns: u64, times: &TickTimes) {
         let life_cycle = match reason {
-            Reason::None => self.progress.life_cycle,
+            _ if follows_policy(reason) => self.progress.life_cycle,
             Reason::StopRequested => LifeCycle::Stopping,
             _ if self.motion.is_new() => LifeCycle::Waiting,
             _ => LifeCycle::Holding,
@@ -560,4 +571,9 @@ impl<const N: usize> Cycle<N> {
         let all = allocation::counted() - self.allocations_before;
         all.saturating_sub(self.telemetry.connections.allocations)
     }
+}
+
+/// Whether the policy was followed, however far it leads.
+fn follows_policy(reason: Reason) -> bool {
+    matches!(reason, Reason::None | Reason::Blocked | Reason::Unreachable)
 }

@@ -7,7 +7,7 @@ use tprmp_messages::{
 };
 use tprmp_model::controller_config::FrameObserver;
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
-use tprmp_rmpflow::leaves::{Obstacle, z_axis};
+use tprmp_rmpflow::leaves::{Obstacle, Shape};
 use tprmp_rmpflow::product_skill::FRAME_CAPACITY;
 use tprmp_robot::Chain;
 
@@ -96,7 +96,7 @@ impl Scene {
     #[must_use]
     pub fn new(names: Vec<[u8; NAME_CAPACITY]>, goal_frame: usize) -> Self {
         assert!(names.len() <= FRAME_CAPACITY && goal_frame < names.len(), "frames of a model");
-        let nothing = Obstacle::Sphere { center: DVec3::NAN, radius: 0.0, velocity: DVec3::ZERO };
+        let nothing = Obstacle::sphere(DVec3::NAN, 0.0, DVec3::ZERO);
         Self {
             frames: vec![FrameMotion::at_rest(Pose::IDENTITY); names.len()],
             names,
@@ -233,20 +233,31 @@ fn check_obstacle(obstacle: &tprmp_messages::Obstacle) -> Result<Obstacle, Reaso
         return Err(Reason::ObstacleUnknown);
     }
     finite(obstacle.quaternion)?;
-    let position = DVec3::from(finite(obstacle.position)?);
-    let velocity = DVec3::from(finite(obstacle.linear_velocity)?);
-    let size = finite(obstacle.size)?;
-    match ObstacleKind::from_wire(obstacle.kind) {
-        Some(ObstacleKind::Sphere) if size[0] >= 0.0 => {
-            Ok(Obstacle::Sphere { center: position, radius: size[0], velocity })
+    let [x, y, z] = finite(obstacle.size)?;
+    let shape = match ObstacleKind::from_wire(obstacle.kind) {
+        Some(ObstacleKind::Sphere) if x >= 0.0 => Shape::Sphere { radius: x },
+        Some(ObstacleKind::Capsule) if x >= 0.0 && y >= 0.0 => {
+            Shape::Capsule { radius: x, half_length: 0.5 * y }
         }
-        Some(ObstacleKind::HalfSpace) => Ok(Obstacle::HalfSpace {
-            point: position,
-            normal: z_axis(check_quaternion(obstacle.quaternion)?),
-            velocity,
-        }),
-        _ => Err(Reason::ObstacleUnknown),
-    }
+        Some(ObstacleKind::Box) if x >= 0.0 && y >= 0.0 && z >= 0.0 => {
+            Shape::Box { half_size: 0.5 * DVec3::new(x, y, z) }
+        }
+        Some(ObstacleKind::HalfSpace) => Shape::HalfSpace,
+        _ => return Err(Reason::ObstacleUnknown),
+    };
+    // A ball looks the same from all sides: its orientation may be left out.
+    let orientation = match shape {
+        Shape::Sphere { .. } => DQuat::IDENTITY,
+        _ => check_quaternion(obstacle.quaternion)?,
+    };
+    let spin = DVec3::from(finite(obstacle.angular_velocity)?);
+    Ok(Obstacle {
+        shape,
+        position: finite(obstacle.position)?.into(),
+        orientation,
+        velocity: finite(obstacle.linear_velocity)?.into(),
+        angular_velocity: if matches!(shape, Shape::Sphere { .. }) { DVec3::ZERO } else { spin },
+    })
 }
 
 #[cfg(test)]
@@ -280,6 +291,33 @@ mod tests {
         message
     }
 
+    fn cuboid(message: &mut TaskFrames) -> &mut tprmp_messages::Obstacle {
+        let obstacle = &mut message.obstacles[0];
+        obstacle.kind = ObstacleKind::Box.to_wire();
+        obstacle.size = [0.1, 0.2, 0.3];
+        obstacle
+    }
+
+    #[test]
+    fn every_kind_of_obstacle_is_read_with_its_size_and_motion() {
+        let mut scene = scene();
+        let mut message = message();
+        message.obstacle_count = 3;
+        message.obstacles[1] = message.obstacles[0];
+        message.obstacles[1].kind = ObstacleKind::Capsule.to_wire();
+        message.obstacles[1].size = [0.05, 0.4, 0.0];
+        message.obstacles[1].angular_velocity = [0.0, 1.0, 0.0];
+        message.obstacles[2] = *cuboid(&mut message.clone());
+        message.obstacles[2].linear_velocity = [0.1, 0.0, 0.0];
+        scene.update(&message, &OBSERVER).unwrap();
+        let [ball, capsule, cuboid] = scene.obstacles() else { panic!("three obstacles") };
+        assert_eq!(ball.shape, Shape::Sphere { radius: 0.06 });
+        assert_eq!(capsule.shape, Shape::Capsule { radius: 0.05, half_length: 0.2 });
+        assert_eq!(capsule.angular_velocity, DVec3::Y);
+        assert_eq!(cuboid.shape, Shape::Box { half_size: DVec3::new(0.05, 0.1, 0.15) });
+        assert_eq!(cuboid.velocity, DVec3::X * 0.1);
+    }
+
     fn scene() -> Scene {
         Scene::new(["start", "end"].map(|name| name_bytes(name).unwrap()).to_vec(), 1)
     }
@@ -287,7 +325,7 @@ mod tests {
     #[test]
     fn every_defect_has_its_reason_and_changes_nothing() {
         type Edit = fn(&mut TaskFrames);
-        let cases: [(Edit, Reason); 12] = [
+        let cases: [(Edit, Reason); 16] = [
             (|m| m.obstacles[0].valid = 255, Reason::ObstacleUnknown),
             (|m| m.frames[1].valid = 0, Reason::FrameMissing),
             (|m| m.frame_count = 1, Reason::FrameMissing),
@@ -300,6 +338,10 @@ mod tests {
             (|m| m.obstacles[0].kind = 7, Reason::ObstacleUnknown),
             (|m| m.obstacles[0].size[0] = -1.0, Reason::ObstacleUnknown),
             (|m| m.obstacles[0].linear_velocity[1] = f64::NAN, Reason::FrameNotFinite),
+            (|m| m.obstacles[0].angular_velocity[1] = f64::NAN, Reason::FrameNotFinite),
+            (|m| cuboid(m).size[2] = -0.1, Reason::ObstacleUnknown),
+            (|m| cuboid(m).quaternion[0] = 0.9, Reason::QuaternionNotUnit),
+            (|m| cuboid(m).size[1] = f64::INFINITY, Reason::FrameNotFinite),
         ];
         for (i, (edit, reason)) in cases.into_iter().enumerate() {
             let mut scene = scene();

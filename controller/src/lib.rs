@@ -17,6 +17,7 @@ pub mod pacing;
 pub mod policy;
 pub mod realtime;
 pub mod soak;
+pub mod standstill;
 pub mod startup;
 pub mod task;
 pub mod telemetry;

@@ -103,6 +103,8 @@ pub fn describe(life_cycle: LifeCycle, reason: Reason) -> String {
         Reason::Overrun => "too many periods were missed in a row",
         Reason::StateUnbelievable => "a measured speed or a jump of a position is not believable",
         Reason::GripperUnknown => "the gripper reports a state that this controller does not know",
+        Reason::Blocked => "the arm stands still before an obstacle or before itself",
+        Reason::Unreachable => "the arm stands still short of the goal",
     };
     format!("{state}: {why}")
 }

@@ -1,53 +1,105 @@
-//! The RMP-tree of a robot: leaves in task spaces, pulled back to the joints and resolved.
+//! The policy of a robot: the task's leaves on its tool, and the tree of all others.
+
+use core::cell::OnceCell;
 
 use glam::DVec3;
-use nalgebra::{SMatrix, SVector, Vector1, Vector3};
-use tprmp_model::controller_config::{ControllerConfig, ExemptObstacle, Exemption};
+use nalgebra::SVector;
+use tprmp_model::controller_config::{Collision, ControllerConfig, ExemptObstacle, Exemption};
+use tprmp_rmpflow::avoidance::{Body, PointMotion, add_clearance};
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
-use tprmp_rmpflow::leaves::{
-    ApproachFunnel, Clearance, CollisionAvoidance, JointDamping, Obstacle, PoseAttractor,
-};
+use tprmp_rmpflow::governor::SpeedGovernor;
+use tprmp_rmpflow::joint_leaves::{JointLimits, JointSpeedLimits, Posture};
+use tprmp_rmpflow::leaves::{ApproachFunnel, Obstacle, PoseAttractor, Shape};
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::policy::{Policy as SkillPolicy, PolicyState};
 use tprmp_rmpflow::skill::SkillInertia;
+use tprmp_rmpflow::tree::{self, SelfCollision, Tree, TreeState};
 use tprmp_robot::{
-    Chain, ControlPoint, ControlPoints, Kinematics, forward_kinematics_with_velocity,
-    point_kinematics,
+    Chain, ControlPoint, ControlPoints, Kinematics, SelfPairs, forward_kinematics_with_velocity,
+    point_kinematics, point_position,
 };
 
-/// The tree: immutable.
+use crate::standstill::Surroundings;
+
+/// The policy: immutable.
 #[derive(Debug)]
 pub struct Policy<const N: usize> {
     chain: Chain<N>,
     skill: SkillPolicy,
     inertia: SkillInertia,
-    joint_damping: JointDamping,
-    collision: Option<CollisionNode>,
+    governor: SpeedGovernor,
     approach: Option<ApproachFunnel>,
     lift: Option<PoseAttractor>,
-}
-
-/// The node of all control points.
-#[derive(Debug)]
-struct CollisionNode {
-    leaf: CollisionAvoidance,
-    margin_m: f64,
     points: Vec<AvoidingPoint>,
+    tree: Tree<N>,
 }
 
 #[derive(Debug)]
 struct AvoidingPoint {
     point: ControlPoint,
-    avoids_spheres: bool,
-    avoids_half_spaces: bool,
+    exempt: Vec<ExemptObstacle>,
 }
 
-/// What the tree needs between ticks, and where it puts its intermediate results.
+/// What the policy needs between ticks, and where it puts its intermediate results.
 #[derive(Debug)]
 pub struct Workspace<const N: usize> {
     /// Kinematics of the last evaluation.
     pub kinematics: Kinematics<N>,
     skill: PolicyState,
+    tree: TreeState<N>,
+    centres: Vec<DVec3>,
+    motions: Vec<OnceCell<PointMotion<N>>>,
+}
+
+/// The control points of the arm in its present posture; the motion of a point is computed when it
+/// is first asked for.
+struct Links<'a, const N: usize> {
+    policy: &'a Policy<N>,
+    kinematics: &'a Kinematics<N>,
+    centres: &'a [DVec3],
+    motions: &'a [OnceCell<PointMotion<N>>],
+    tool: &'a Pose,
+    tool_goal: &'a Pose,
+}
+
+impl<const N: usize> Body<N> for Links<'_, N> {
+    fn count(&self) -> usize {
+        self.centres.len()
+    }
+
+    fn ball(&self, i: usize) -> (DVec3, f64) {
+        (self.centres[i], self.policy.points[i].point.radius)
+    }
+
+    fn motion(&self, i: usize) -> PointMotion<N> {
+        *self.motions[i].get_or_init(|| {
+            let ControlPoint { joint, centre, .. } = self.policy.points[i].point;
+            let motion = point_kinematics(&self.policy.chain, self.kinematics, joint, centre);
+            PointMotion {
+                position: motion.position,
+                velocity: DVec3::from_slice(motion.velocity.as_slice()),
+                jacobian: motion.jacobian,
+                drift: motion.jd_qd,
+            }
+        })
+    }
+
+    fn avoids(&self, i: usize, shape: &Shape) -> bool {
+        let kind = match shape {
+            Shape::Sphere { .. } => ExemptObstacle::Sphere,
+            Shape::Capsule { .. } => ExemptObstacle::Capsule,
+            Shape::Box { .. } => ExemptObstacle::Box,
+            Shape::HalfSpace => ExemptObstacle::HalfSpace,
+        };
+        !self.policy.points[i].exempt.contains(&kind)
+    }
+
+    /// Known of the points that move with the tool.
+    fn at_goal(&self, i: usize) -> Option<DVec3> {
+        let with_tool = self.policy.points[i].point.joint + 1 == N;
+        let from_tool = self.tool.orientation.conjugate() * (self.centres[i] - self.tool.position);
+        with_tool.then(|| self.tool_goal.position + self.tool_goal.orientation * from_tool)
+    }
 }
 
 /// What the tool should do.
@@ -68,6 +120,8 @@ pub struct TaskParameters<'a> {
     pub goal_frame: usize,
     /// What to keep away from.
     pub obstacles: &'a [Obstacle],
+    /// Time since the last tick \[s\].
+    pub dt_s: f64,
 }
 
 /// What the tree decided, and what it saw.
@@ -81,24 +135,12 @@ pub struct Decision<const N: usize> {
     pub goal: Pose,
     /// V of the skill \[J\].
     pub energy: f64,
-}
-
-impl<const N: usize> Workspace<N> {
-    /// A fresh workspace.
-    #[must_use]
-    pub fn new() -> Self {
-        Self { kinematics: Kinematics::new(), skill: PolicyState::default() }
-    }
-}
-
-impl<const N: usize> Default for Workspace<N> {
-    fn default() -> Self {
-        Self::new()
-    }
+    /// How near obstacles and the arm itself are, and whether it presses on one.
+    pub surroundings: Surroundings,
 }
 
 impl<const N: usize> Policy<N> {
-    /// Builds the tree. Allocates: at start-up only.
+    /// Builds the policy. Allocates: at start-up only.
     #[must_use]
     pub fn new(
         chain: Chain<N>,
@@ -106,33 +148,40 @@ impl<const N: usize> Policy<N> {
         control_points: &ControlPoints,
         config: &ControllerConfig,
     ) -> Self {
-        let collision = config.collision.as_ref().map(|collision| CollisionNode {
-            leaf: collision.avoidance.leaf(),
-            margin_m: collision.margin_m,
-            points: control_points
-                .as_slice()
-                .iter()
-                .map(|point| {
-                    let link = &chain.moving_links()[point.link].0;
-                    let avoids = |obstacle: ExemptObstacle| {
-                        !collision.exempt.contains(&Exemption { link: link.clone(), obstacle })
-                    };
-                    AvoidingPoint {
-                        point: *point,
-                        avoids_spheres: avoids(ExemptObstacle::Sphere),
-                        avoids_half_spaces: avoids(ExemptObstacle::HalfSpace),
-                    }
-                })
-                .collect(),
+        let avoids = config.collision.is_some();
+        let points = control_points.as_slice().iter().map(|point| {
+            let link = &chain.moving_links()[point.link].0;
+            let exempt = config.collision.iter().flat_map(|collision| &collision.exempt);
+            let of_link = |e: &&Exemption| e.link == *link;
+            AvoidingPoint {
+                point: *point,
+                exempt: exempt.filter(of_link).map(|e| e.obstacle).collect(),
+            }
         });
+        let points =
+            if avoids || config.self_collision.is_some() { points.collect() } else { vec![] };
         Self {
+            points,
+            tree: tree(&chain, control_points, config),
             chain,
             skill,
             inertia: config.skill.inertia(),
-            joint_damping: config.joint_damping.leaf(),
-            collision,
+            governor: config.skill.governor.governor(),
             approach: config.approach.map(|approach| approach.leaf()),
             lift: config.lift.map(|lift| lift.leaf()),
+        }
+    }
+
+    /// A fresh workspace. Allocates: at start-up only.
+    #[must_use]
+    pub fn workspace(&self) -> Workspace<N> {
+        let count = self.points.len();
+        Workspace {
+            kinematics: Kinematics::new(),
+            skill: PolicyState::default(),
+            tree: TreeState::default(),
+            centres: vec![DVec3::NAN; count],
+            motions: (0..count).map(|_| OnceCell::new()).collect(),
         }
     }
 
@@ -148,7 +197,7 @@ impl<const N: usize> Policy<N> {
         self.skill.turns()
     }
 
-    /// Evaluates the tree  [thesis algorithm 4.1]: pushforward, leaves, pullback, resolve.
+    /// Evaluates the policy  [thesis algorithm 4.1]: pushforward, leaves, pullback, resolve.
     ///
     /// * `q`, `qd`  joint positions and velocities, N
     ///
@@ -176,72 +225,106 @@ impl<const N: usize> Policy<N> {
         let frames = parameters.frames;
         let value = self.skill.evaluate(&self.inertia, frames, &tool, linear, angular, state);
         let goal = self.skill.goal(frames, state);
-        let mut root: Natural<N> = self.joint_damping.evaluate(qd);
-        let leaf = match (task, &self.lift) {
-            (Task::Reach(goal), Some(lift)) => lift.evaluate(&tool, linear, angular, goal),
-            _ => value.natural,
+        let (leaf, energy) = match (task, &self.lift) {
+            (Task::Reach(goal), Some(lift)) => (
+                lift.evaluate(&tool, linear, angular, goal),
+                (tool.position - goal.position).length(),
+            ),
+            _ => (self.governor.govern(&value.natural, twist), value.energy),
         };
+        let mut root = Natural::<N>::zero();
         root.add_pullback(&leaf, &kinematics.tool_jacobian, &kinematics.tool_jd_qd);
         if let (Task::Skill, Some(funnel), Some(frame)) =
             (task, &self.approach, frames.get(parameters.goal_frame))
         {
             let clearance = funnel.clearance(tool.position, linear, goal.position, frame);
-            let jacobian = kinematics.tool_jacobian.fixed_rows::<3>(0).into_owned();
-            let drift = kinematics.tool_jd_qd.fixed_rows::<3>(0).into_owned();
-            add_clearance(&funnel.leaf, &clearance, &jacobian, &drift, &mut root);
+            let motion = PointMotion {
+                position: tool.position,
+                velocity: linear,
+                jacobian: kinematics.tool_jacobian.fixed_rows::<3>(0).into_owned(),
+                drift: kinematics.tool_jd_qd.fixed_rows::<3>(0).into_owned(),
+            };
+            add_clearance(&funnel.leaf, &clearance, &motion, &mut root);
         }
-        if let Some(collision) = &self.collision {
-            collision.add(&self.chain, kinematics, parameters.obstacles, &mut root);
+
+        let points = workspace.centres.iter_mut().zip(&mut workspace.motions).zip(&self.points);
+        for ((centre, motion), AvoidingPoint { point, .. }) in points {
+            *centre = point_position(kinematics, point.joint, point.centre);
+            motion.take();
         }
-        Ok(Decision { acceleration: root.resolve()?, tool, goal, energy: value.energy })
+        let links = Links {
+            policy: self,
+            kinematics,
+            centres: &workspace.centres,
+            motions: &workspace.motions,
+            tool: &tool,
+            tool_goal: match task {
+                Task::Skill => &goal,
+                Task::Reach(pose) => pose,
+            },
+        };
+        let obstacles = parameters.obstacles;
+        let dt = parameters.dt_s;
+        let resolved = self.tree.evaluate(
+            &tree::Task { natural: root, energy },
+            q,
+            qd,
+            &links,
+            obstacles,
+            dt,
+            &mut workspace.tree,
+        )?;
+        Ok(Decision {
+            acceleration: resolved.acceleration,
+            tool,
+            goal,
+            energy: value.energy,
+            surroundings: Surroundings {
+                pressing: resolved.nearness.pressing,
+                clearance_min_m: resolved
+                    .nearness
+                    .clearance_min_m
+                    .min(resolved.self_clearance_min_m),
+            },
+        })
     }
 }
 
-impl CollisionNode {
-    /// Adds one leaf for each pair of a control point and an obstacle that are close.
-    fn add<const N: usize>(
-        &self,
-        chain: &Chain<N>,
-        kinematics: &Kinematics<N>,
-        obstacles: &[Obstacle],
-        root: &mut Natural<N>,
-    ) {
-        for AvoidingPoint { point, avoids_spheres, avoids_half_spaces } in &self.points {
-            let mut motion = None;
-            for obstacle in obstacles {
-                let avoids = match obstacle {
-                    Obstacle::Sphere { .. } => avoids_spheres,
-                    Obstacle::HalfSpace { .. } => avoids_half_spaces,
-                };
-                if !avoids {
-                    continue;
-                }
-                let motion = motion.get_or_insert_with(|| {
-                    point_kinematics(chain, kinematics, point.joint, point.centre)
-                });
-                let velocity = DVec3::from_slice(motion.velocity.as_slice());
-                let clearance =
-                    obstacle.clearance(motion.position, velocity, point.radius + self.margin_m);
-                add_clearance(&self.leaf, &clearance, &motion.jacobian, &motion.jd_qd, root);
-            }
-        }
-    }
-}
-
-/// Pulls a leaf on a clearance back to the joints, through the point whose clearance it is.
-///
-/// * `jacobian`, `drift`  of the point: 3×N, J̇q̇
-fn add_clearance<const N: usize>(
-    leaf: &CollisionAvoidance,
-    clearance: &Clearance,
-    jacobian: &SMatrix<f64, 3, N>,
-    drift: &Vector3<f64>,
-    root: &mut Natural<N>,
-) {
-    if let Some(leaf) = leaf.evaluate(clearance.distance, clearance.rate) {
-        let normal = clearance.normal;
-        let row = SMatrix::<f64, 1, 3>::new(normal.x, normal.y, normal.z);
-        let drift = (row * drift)[0] + clearance.curvature;
-        root.add_pullback(&leaf, &(row * jacobian), &Vector1::new(drift));
+/// The leaves beside the task, from the configuration.
+fn tree<const N: usize>(
+    chain: &Chain<N>,
+    points: &ControlPoints,
+    config: &ControllerConfig,
+) -> Tree<N> {
+    let robot = &config.robot;
+    let margin = robot.position_margin;
+    let acceleration_max = SVector::<f64, N>::from_column_slice(&robot.acceleration_max);
+    Tree {
+        joint_damping: config.joint_damping.leaf(),
+        joint_limits: config.joint_limits.map(|limits| JointLimits {
+            lower: chain.position_lower().add_scalar(margin),
+            upper: chain.position_upper().add_scalar(-margin),
+            leaf: limits.leaf(),
+        }),
+        joint_speed_limits: config.joint_speeds.map(|speeds| JointSpeedLimits {
+            speed_max: chain.velocity_max() * robot.velocity_share,
+            free_share: speeds.free_share,
+            inertia: speeds.inertia,
+            damping_1_s: speeds.damping_1_s,
+        }),
+        posture: config.posture.as_ref().map(|posture| Posture {
+            position: SVector::from_column_slice(&posture.position),
+            inertia: posture.inertia,
+            stiffness_1_s2: posture.stiffness_1_s2,
+            damping_1_s: posture.damping_1_s,
+            saturation: posture.saturation,
+        }),
+        self_collision: config.self_collision.as_ref().map(|own| SelfCollision {
+            leaf: own.avoidance.leaf(),
+            margin_m: own.margin_m,
+            pairs: SelfPairs::new(chain, points, &own.exempt).watched.into(),
+        }),
+        avoidance: config.collision.as_ref().map(Collision::leaf),
+        obstacle_jerk_max: config.collision.as_ref().map(|c| acceleration_max / c.onset_s),
     }
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 use tprmp_messages::{ControllerPorts, Instance, ServiceError, name_bytes};
-use tprmp_model::controller_config::{self, ConfigError, ControllerConfig};
+use tprmp_model::controller_config::{self, ConfigError, ControlPoint, ControllerConfig};
 use tprmp_model::skill_model::{self, ModelError, SkillModel};
 use tprmp_rmpflow::policy::Policy as SkillPolicy;
 use tprmp_robot::{Chain, ControlPointError, ControlPoints, UrdfError, count_joints};
@@ -241,7 +241,7 @@ pub fn robot<const N: usize>(
     config: &ControllerConfig,
 ) -> Result<(Chain<N>, ControlPoints), StartError> {
     let urdf = &config.robot.urdf;
-    let chain = Chain::<N>::from_urdf(urdf, &config.robot.tool_link)?;
+    let chain = Chain::<N>::from_urdf(urdf, config.robot.selection())?;
     if chain.joint_names()[..] != config.robot.joints[..] {
         return Err(StartError::Joints {
             config: config_path.into(),
@@ -270,8 +270,15 @@ pub fn robot<const N: usize>(
             });
         }
     }
-    let points = ControlPoints::new(&chain)
-        .map_err(|source| StartError::ControlPoints { urdf: urdf.clone(), source })?;
+    let points = match &config.robot.control_points {
+        None => ControlPoints::new(&chain),
+        Some(list) => {
+            let sphere = |p: &ControlPoint| (p.link.clone(), p.position_m.into(), p.radius_m);
+            ControlPoints::listed(&chain, &list.iter().map(sphere).collect::<Vec<_>>())
+        }
+    };
+    let points =
+        points.map_err(|source| StartError::ControlPoints { urdf: urdf.clone(), source })?;
     Ok((chain, points))
 }
 
@@ -296,7 +303,7 @@ pub fn with_robot<W: WithRobot>(
     config: &ControllerConfig,
     work: W,
 ) -> Result<W::Output, StartError> {
-    let count = count_joints(&config.robot.urdf, &config.robot.tool_link)?;
+    let count = count_joints(&config.robot.urdf, config.robot.selection())?;
     match count {
         2 => work.call::<2>(),
         3 => work.call::<3>(),

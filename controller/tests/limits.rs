@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use tprmp_controller::inputs::{JointState, Scene, check_state};
 use tprmp_controller::limits::JointLimits;
 use tprmp_controller::motion::{Motion, Setpoint};
-use tprmp_controller::policy::{Policy, Task, TaskParameters, Workspace};
+use tprmp_controller::policy::{Policy, Task, TaskParameters};
 use tprmp_controller::startup;
 use tprmp_messages::{Frame, Obstacle, ObstacleKind, Reason, RobotState, TaskFrames, name_bytes};
 use tprmp_model::controller_config::{self, ControllerConfig};
@@ -20,7 +20,7 @@ type Joints = SVector<f64, N>;
 fn shipped() -> (ControllerConfig, Chain<N>) {
     let root: PathBuf = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let config = controller_config::read(&root.join("config/controllers/ur5_pick.ron")).unwrap();
-    let chain = Chain::<N>::from_urdf(&config.robot.urdf, &config.robot.tool_link).unwrap();
+    let chain = Chain::<N>::from_urdf(&config.robot.urdf, config.robot.selection()).unwrap();
     (config, chain)
 }
 
@@ -118,14 +118,16 @@ fn frame(name: &'static str) -> impl Strategy<Value = Frame> {
     })
 }
 
-fn sphere() -> impl Strategy<Value = Obstacle> {
-    prop::collection::vec(number(1.0), 7).prop_map(|n| Obstacle {
-        kind: ObstacleKind::Sphere.to_wire(),
+fn obstacle() -> impl Strategy<Value = Obstacle> {
+    let kind = 0..ObstacleKind::ALL.len() as u32;
+    (kind, prop::collection::vec(number(1.0), 12)).prop_map(|(kind, n)| Obstacle {
+        kind,
         valid: 1,
         position: [n[0], n[1], n[2]],
         quaternion: [1.0, 0.0, 0.0, 0.0],
         linear_velocity: [n[3], n[4], n[5]],
-        size: [n[6].abs(), 0.0, 0.0],
+        angular_velocity: [n[9], n[10], n[11]],
+        size: [n[6].abs(), n[7].abs(), n[8].abs()],
     })
 }
 
@@ -138,7 +140,7 @@ proptest! {
         gains in prop::array::uniform6(decades()),
         start in prop::array::uniform6(0.0..=1.0_f64),
         messages in prop::collection::vec(
-            (frame("start"), frame("end"), prop::collection::vec(sphere(), 0..4),
+            (frame("start"), frame("end"), prop::collection::vec(obstacle(), 0..4),
                 prop::collection::vec(number(4.0), N), 1e-5..0.02_f64),
             1..40,
         ),
@@ -160,23 +162,23 @@ proptest! {
         let chain = policy.chain();
         let limits = JointLimits::new(chain, &loaded.config.robot);
         let mut motion = Motion::new(limits, &loaded.config);
-        let mut workspace = Workspace::new();
+        let mut workspace = policy.workspace();
         let names = ["start", "end"].map(|name| name_bytes(name).unwrap());
         let mut scene = Scene::new(names.into(), 1);
         let range = chain.position_upper() - chain.position_lower();
         let mut q = chain.position_lower() + range.component_mul(&Joints::from(start));
-        for (k, (first, second, spheres, velocity, dt)) in messages.into_iter().enumerate() {
+        for (k, (first, second, obstacles, velocity, dt)) in messages.into_iter().enumerate() {
             let mut state = RobotState { joint_count: N as u32, ..Default::default() };
             state.position[..N].copy_from_slice(q.as_slice());
             state.velocity[..N].copy_from_slice(&velocity);
             let mut frames = TaskFrames {
                 time_ns: 1 + k as u64 * 1_000_000,
                 frame_count: 2,
-                obstacle_count: spheres.len() as u32,
+                obstacle_count: obstacles.len() as u32,
                 ..Default::default()
             };
             frames.frames[..2].copy_from_slice(&[first, second]);
-            frames.obstacles[..spheres.len()].copy_from_slice(&spheres);
+            frames.obstacles[..obstacles.len()].copy_from_slice(&obstacles);
             let seen = scene.update(&frames, &loaded.config.frame_observer);
             let measured = check_state(&state, chain);
             let decided = seen.and(measured).and_then(|state| {
@@ -184,6 +186,7 @@ proptest! {
                     frames: scene.frames(),
                     goal_frame: scene.goal_frame(),
                     obstacles: scene.obstacles(),
+                    dt_s: dt,
                 };
                 let (q, qd) = (&state.position, &state.velocity);
                 policy

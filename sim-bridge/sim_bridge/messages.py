@@ -57,7 +57,7 @@ class LifeCycle(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why the controller is not following its policy."""
+    """Why the controller is not following its policy, or why that leads nowhere."""
 
     NONE = 0
     STATE_STALE = 1
@@ -76,6 +76,8 @@ class Reason(IntEnum):
     OVERRUN = 14
     STATE_UNBELIEVABLE = 15
     GRIPPER_UNKNOWN = 16
+    BLOCKED = 17
+    UNREACHABLE = 18
 
 
 class ObstacleKind(IntEnum):
@@ -83,6 +85,8 @@ class ObstacleKind(IntEnum):
 
     SPHERE = 0
     HALF_SPACE = 1
+    CAPSULE = 2
+    BOX = 3
 
 
 class RobotState(ctypes.Structure):
@@ -132,13 +136,14 @@ class Obstacle(ctypes.Structure):
         ("position", _Vector3),
         ("quaternion", _Quaternion),
         ("linear_velocity", _Vector3),
+        ("angular_velocity", _Vector3),
         ("size", _Vector3),
     ]
 
     @staticmethod
     def type_name() -> str:
         """Name on the wire."""
-        return "ObstacleV1"
+        return "ObstacleV2"
 
 
 class TaskFrames(ctypes.Structure):
@@ -156,7 +161,7 @@ class TaskFrames(ctypes.Structure):
     @staticmethod
     def type_name() -> str:
         """Name on the wire."""
-        return "TaskFramesV1"
+        return "TaskFramesV2"
 
 
 class JointCommand(ctypes.Structure):
@@ -216,9 +221,9 @@ class ControllerStatus(ctypes.Structure):
 
 MESSAGES = {
     "RobotState": (RobotState, 216),
-    "TaskFrames": (TaskFrames, 4696),
+    "TaskFrames": (TaskFrames, 5464),
     "Frame": (Frame, 136),
-    "Obstacle": (Obstacle, 112),
+    "Obstacle": (Obstacle, 136),
     "JointCommand": (JointCommand, 368),
     "ControllerStatus": (ControllerStatus, 136),
 }

@@ -17,8 +17,8 @@ CONTROLLER = ROOT / "target" / "release" / "controller"
     [
         ("RobotState", 216),
         ("Frame", 136),
-        ("Obstacle", 112),
-        ("TaskFrames", 4696),
+        ("Obstacle", 136),
+        ("TaskFrames", 5464),
         ("JointCommand", 368),
         ("ControllerStatus", 136),
     ],

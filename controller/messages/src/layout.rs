@@ -45,7 +45,7 @@ layout! {
     RobotState { sequence, time_ns, joint_count, gripper_state, position, velocity, torque }
     TaskFrames { sequence, time_ns, frame_count, obstacle_count, frames, obstacles }
     Frame { name, valid, padding, position, quaternion, linear_velocity, angular_velocity }
-    Obstacle { kind, valid, position, quaternion, linear_velocity, size }
+    Obstacle { kind, valid, position, quaternion, linear_velocity, angular_velocity, size }
     JointCommand {
         sequence, state_sequence, time_ns, expiry_ns, mode, gripper_command, joint_count, reason,
         position, velocity, acceleration, torque, gravity_torque
@@ -65,8 +65,8 @@ mod tests {
     fn sizes_are_those_other_languages_were_told() {
         assert_eq!(size_of::<RobotState>(), 216);
         assert_eq!(size_of::<Frame>(), 136);
-        assert_eq!(size_of::<Obstacle>(), 112);
-        assert_eq!(size_of::<TaskFrames>(), 32 - 8 + 8 * 136 + 32 * 112);
+        assert_eq!(size_of::<Obstacle>(), 136);
+        assert_eq!(size_of::<TaskFrames>(), 32 - 8 + 8 * 136 + 32 * 136);
         assert_eq!(size_of::<JointCommand>(), 368);
         assert_eq!(size_of::<ControllerStatus>(), 136);
         assert_eq!(LAYOUT.iter().filter(|f| f.message == "RobotState").count(), 7);

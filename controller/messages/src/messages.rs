@@ -34,7 +34,7 @@ pub struct RobotState {
 
 /// The task parameters: frames and obstacles, from a state publisher to the controller.
 #[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("TaskFramesV1")]
+#[type_name("TaskFramesV2")]
 #[repr(C)]
 pub struct TaskFrames {
     /// Counts up by at least one from message to message.
@@ -74,7 +74,7 @@ pub struct Frame {
 
 /// A moving obstacle in the robot's base frame `B`.
 #[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("ObstacleV1")]
+#[type_name("ObstacleV2")]
 #[repr(C)]
 pub struct Obstacle {
     /// What `size` means: an [`ObstacleKind`].
@@ -82,13 +82,15 @@ pub struct Obstacle {
     /// 1 when the obstacle is there, 0 when it is not. One that was lost from sight is still there:
     /// publish its last pose.
     pub valid: u32,
-    /// Centre of a sphere, a point on the surface of a half-space \[m\].
+    /// Centre; of a half-space, a point on its surface \[m\].
     pub position: [f64; 3],
-    /// Orientation, unit quaternion `w, x, y, z`; a half-space's outward normal is its z axis.
+    /// Orientation, unit quaternion `w, x, y, z`.
     pub quaternion: [f64; 4],
     /// Velocity of `position` \[m/s\].
     pub linear_velocity: [f64; 3],
-    /// Sphere: radius, unused, unused. Half-space: unused \[m\].
+    /// Angular velocity, expressed in `B` \[rad/s\].
+    pub angular_velocity: [f64; 3],
+    /// What it is depends on the kind; the rest is unused \[m\].
     pub size: [f64; 3],
 }
 
@@ -115,7 +117,7 @@ pub struct JointCommand {
     pub gripper_command: u32,
     /// Number of joints in use, the first ones of each array.
     pub joint_count: u32,
-    /// A [`Reason`]: why the controller is not following its policy, 0 when it is.
+    /// A [`Reason`]: why the controller is not following its policy or not getting on with it.
     pub reason: u32,
     /// Desired positions, integrated \[rad or m\].
     pub position: [f64; JOINT_CAPACITY],
@@ -251,8 +253,9 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// Why the controller is not following its policy. Each has one safe action: decelerate to
-    /// rest in bounded time and hold, then ramp in again once the cause has gone.
+    /// Why the controller is not following its policy, or why following it leads nowhere. Each of
+    /// the former has one safe action: decelerate to rest in bounded time and hold, then ramp in
+    /// again once the cause has gone.
     Reason {
         /// It is following it.
         #[default]
@@ -289,6 +292,10 @@ wire_enum! {
         StateUnbelievable = 15,
         /// The gripper reports a state this controller does not know.
         GripperUnknown = 16,
+        /// It follows its policy, but the arm stands still before an obstacle or before itself.
+        Blocked = 17,
+        /// It follows its policy, but the arm stands still short of the goal.
+        Unreachable = 18,
     }
 }
 
@@ -300,6 +307,11 @@ wire_enum! {
         Sphere = 0,
         /// Everything below the plane through `position` whose normal is the z axis.
         HalfSpace = 1,
+        /// All points within a radius of a stretch of the z axis: `size[0]` is the radius, `size[1]`
+        /// the length of the stretch, to which the round ends are added \[m\].
+        Capsule = 2,
+        /// A box: `size` are its edges along x, y and z \[m\].
+        Box = 3,
     }
 }
 
@@ -339,6 +351,6 @@ mod tests {
         }
         assert_eq!(Reason::from_wire(Reason::ALL.len() as u32), None);
         assert_eq!(ObstacleKind::from_wire(1), Some(ObstacleKind::HalfSpace));
-        assert_eq!(ObstacleKind::from_wire(2), None);
+        assert_eq!(ObstacleKind::from_wire(4), None);
     }
 }

@@ -7,8 +7,15 @@ use std::path::{Component, Path, PathBuf};
 
 use glam::DVec3;
 use serde::Deserialize;
-use tprmp_rmpflow::leaves::{ApproachFunnel, CollisionAvoidance, JointDamping, PoseAttractor};
-use tprmp_rmpflow::skill::SkillInertia;
+use tprmp_robot::Selection;
+
+mod leaves;
+
+pub use leaves::{
+    Approach, Avoidance, Collision, ExemptObstacle, Exemption, Governor, JointDampingLeaf,
+    JointLimitLeaf, JointSpeedLeaf, Lift, PostureLeaf, SelfCollision, SkillLeaf, Steering,
+    SteeringSide,
+};
 
 /// Why a configuration was refused.
 #[derive(Debug, thiserror::Error)]
@@ -60,10 +67,17 @@ pub enum Trigger {
 pub struct Robot {
     /// URDF of the arm.
     pub urdf: PathBuf,
+    /// Link in whose frame everything is expressed; `None` for the root of the URDF.
+    pub base_link: Option<String>,
     /// Link that the skill moves.
     pub tool_link: String,
+    /// Joints that are held at zero, as if they were fixed: those of a gripper, for example.
+    pub held_joints: Vec<String>,
     /// Names of the joints from base to tool: the order of every list and message.
     pub joints: Vec<String>,
+    /// Spheres that cover the links; `None` derives them from the collision shapes of the URDF,
+    /// which must not be meshes then.
+    pub control_points: Option<Vec<ControlPoint>>,
     /// Gravity in the base frame \[m/s²\].
     pub gravity_m_s2: [f64; 3],
     /// Largest joint accelerations \[rad/s² or m/s²\].
@@ -74,6 +88,18 @@ pub struct Robot {
     pub effort_share: f64,
     /// Distance kept from the URDF's position limits \[rad or m\].
     pub position_margin: f64,
+}
+
+/// A sphere on a link.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControlPoint {
+    /// Name of the link.
+    pub link: String,
+    /// Centre in the link's frame \[m\].
+    pub position_m: [f64; 3],
+    /// Radius \[m\].
+    pub radius_m: f64,
 }
 
 /// The loop.
@@ -133,113 +159,6 @@ pub struct Stop {
     pub duration_max_s: f64,
     /// Time over which the policy is faded in after a start or a stop \[s\].
     pub fade_in_s: f64,
-}
-
-/// A link and a kind of obstacle that need not keep apart.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Exemption {
-    /// Name of the link.
-    pub link: String,
-    /// Kind of obstacle.
-    pub obstacle: ExemptObstacle,
-}
-
-/// A kind of obstacle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-pub enum ExemptObstacle {
-    /// Balls.
-    Sphere,
-    /// Half-spaces.
-    HalfSpace,
-}
-
-/// How a clearance is kept.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Avoidance {
-    /// Within this clearance the leaf speaks \[m\].
-    pub activation_distance_m: f64,
-    /// Clearance below which the leaf no longer grows \[m\].
-    pub clearance_min_m: f64,
-    /// Inertia of the leaf \[kg\].
-    pub inertia_kg: f64,
-    /// Share of the inertia that speaks at any velocity.
-    pub rest_share: f64,
-    /// Approach speed that counts as fast \[m/s\].
-    pub approach_speed_m_s: f64,
-    /// Strength of the repulsion \[m²/s²\].
-    pub repulsion_m2_s2: f64,
-    /// Damping of the approach \[1/s\].
-    pub damping_1_s: f64,
-}
-
-/// Collision avoidance.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Collision {
-    /// Clearance that is added to every link's radius \[m\].
-    pub margin_m: f64,
-    /// How the clearance between links and obstacles is kept.
-    pub avoidance: Avoidance,
-    /// Pairs that need not keep apart, e.g. the tool and the table it picks from.
-    pub exempt: Vec<Exemption>,
-}
-
-/// The funnel through which the tool approaches the goal.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Approach {
-    /// Direction out of the funnel, in the skill's goal frame; any length but zero.
-    pub axis: [f64; 3],
-    /// Height of the funnel's rim above its bottom \[m\].
-    pub depth_m: f64,
-    /// Half-width of the funnel's hole \[m\].
-    pub width_m: f64,
-    /// How the clearance from the funnel's surface is kept.
-    pub avoidance: Avoidance,
-}
-
-/// Damping in joint space.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct JointDampingLeaf {
-    /// Inertia \[kg m² or kg\].
-    pub inertia: f64,
-    /// Damping \[1/s\].
-    pub damping_1_s: f64,
-}
-
-/// How strongly the skill speaks against other leaves.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SkillLeaf {
-    /// Inertia of the position at the goal \[kg\].
-    pub linear_inertia_kg: f64,
-    /// Inertia of the orientation at the goal \[kg m²\].
-    pub angular_inertia_kg_m2: f64,
-}
-
-/// What is done once the gripper holds the object.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Lift {
-    /// The gripper closes within this distance of the goal \[m\].
-    pub grip_distance_m: f64,
-    /// … and this angle \[rad\].
-    pub grip_angle_rad: f64,
-    /// How high the tool is lifted along the base's z axis \[m\].
-    pub height_m: f64,
-    /// Linear inertia of the attractor \[kg\].
-    pub linear_inertia_kg: f64,
-    /// Angular inertia of the attractor \[kg m²\].
-    pub angular_inertia_kg_m2: f64,
-    /// Stiffness \[1/s²\].
-    pub stiffness_1_s2: f64,
-    /// Damping \[1/s\].
-    pub damping_1_s: f64,
-    /// Distance at which the pull saturates \[m\].
-    pub saturation_m: f64,
 }
 
 /// When the task counts as done.
@@ -311,8 +230,16 @@ pub struct ControllerConfig {
     pub skill: SkillLeaf,
     /// Joint damping.
     pub joint_damping: JointDampingLeaf,
+    /// Position limits of the joints as a leaf; `None` leaves them to the final limits alone.
+    pub joint_limits: Option<JointLimitLeaf>,
+    /// Speed limits of the joints as a leaf; `None` leaves them to the final limits alone.
+    pub joint_speeds: Option<JointSpeedLeaf>,
+    /// Posture, `None` where the task decides about all joints.
+    pub posture: Option<PostureLeaf>,
     /// Collision avoidance, `None` without.
     pub collision: Option<Collision>,
+    /// Clearance of the arm from itself, `None` without.
+    pub self_collision: Option<SelfCollision>,
     /// The funnel to the goal, `None` where it may be approached from any side.
     pub approach: Option<Approach>,
     /// What follows once the gripper holds, `None` for a skill without a gripper.
@@ -327,64 +254,14 @@ pub struct ControllerConfig {
     pub real_time: RealTime,
 }
 
-impl Avoidance {
-    /// The leaf.
+impl Robot {
+    /// Which chain of the URDF it is.
     #[must_use]
-    pub fn leaf(&self) -> CollisionAvoidance {
-        CollisionAvoidance {
-            activation_distance_m: self.activation_distance_m,
-            clearance_min_m: self.clearance_min_m,
-            inertia_kg: self.inertia_kg,
-            rest_share: self.rest_share,
-            approach_speed_m_s: self.approach_speed_m_s,
-            repulsion_m2_s2: self.repulsion_m2_s2,
-            damping_1_s: self.damping_1_s,
-        }
-    }
-}
-
-impl Approach {
-    /// The leaf.
-    #[must_use]
-    pub fn leaf(&self) -> ApproachFunnel {
-        ApproachFunnel {
-            axis: DVec3::from(self.axis).normalize(),
-            depth_m: self.depth_m,
-            width_m: self.width_m,
-            leaf: self.avoidance.leaf(),
-        }
-    }
-}
-
-impl Lift {
-    /// The leaf.
-    #[must_use]
-    pub fn leaf(&self) -> PoseAttractor {
-        PoseAttractor {
-            linear_inertia_kg: self.linear_inertia_kg,
-            angular_inertia_kg_m2: self.angular_inertia_kg_m2,
-            stiffness_1_s2: self.stiffness_1_s2,
-            damping_1_s: self.damping_1_s,
-            saturation_m: self.saturation_m,
-        }
-    }
-}
-
-impl JointDampingLeaf {
-    /// The leaf.
-    #[must_use]
-    pub fn leaf(&self) -> JointDamping {
-        JointDamping { inertia: self.inertia, damping_1_s: self.damping_1_s }
-    }
-}
-
-impl SkillLeaf {
-    /// The inertia.
-    #[must_use]
-    pub fn inertia(&self) -> SkillInertia {
-        SkillInertia {
-            linear_kg: self.linear_inertia_kg,
-            angular_kg_m2: self.angular_inertia_kg_m2,
+    pub fn selection(&self) -> Selection {
+        Selection {
+            base_link: self.base_link.clone(),
+            tool_link: self.tool_link.clone(),
+            held_joints: self.held_joints.clone(),
         }
     }
 }
@@ -559,9 +436,63 @@ impl ControllerConfig {
         check.positive("skill.angular_inertia_kg_m2", self.skill.angular_inertia_kg_m2);
         check.not_negative("joint_damping.inertia", self.joint_damping.inertia);
         check.not_negative("joint_damping.damping_1_s", self.joint_damping.damping_1_s);
+        let governor = &self.skill.governor;
+        check.positive("skill.governor.linear_max_m_s", governor.linear_max_m_s);
+        check.positive("skill.governor.angular_max_rad_s", governor.angular_max_rad_s);
+        check.positive("skill.governor.response_1_s", governor.response_1_s);
+        if let Some(limits) = &self.joint_limits {
+            check.positive("joint_limits.activation_distance", limits.activation_distance);
+            check.positive("joint_limits.distance_min", limits.distance_min);
+            if limits.distance_min >= limits.activation_distance {
+                let expected = "less than activation_distance beside it";
+                check.fail("joint_limits.distance_min", expected, &limits.distance_min);
+            }
+            check.positive("joint_limits.inertia", limits.inertia);
+            check.not_negative("joint_limits.rest_share", limits.rest_share);
+            check.positive("joint_limits.approach_speed", limits.approach_speed);
+            check.not_negative("joint_limits.repulsion", limits.repulsion);
+            check.not_negative("joint_limits.damping_1_s", limits.damping_1_s);
+        }
+        if let Some(speeds) = &self.joint_speeds {
+            if !(speeds.free_share > 0.0 && speeds.free_share < 1.0) {
+                let expected = "a share above 0 and below 1";
+                check.fail("joint_speeds.free_share", expected, &speeds.free_share);
+            }
+            check.positive("joint_speeds.inertia", speeds.inertia);
+            check.not_negative("joint_speeds.damping_1_s", speeds.damping_1_s);
+        }
+        if let Some(posture) = &self.posture {
+            if posture.position.len() != count || !posture.position.iter().all(|q| q.is_finite()) {
+                let expected = "one finite number for each joint";
+                check.fail("posture.position", expected, &posture.position);
+            }
+            check.not_negative("posture.inertia", posture.inertia);
+            check.not_negative("posture.stiffness_1_s2", posture.stiffness_1_s2);
+            check.not_negative("posture.damping_1_s", posture.damping_1_s);
+            check.positive("posture.saturation", posture.saturation);
+        }
         if let Some(collision) = &self.collision {
             check.avoidance("collision.avoidance", &collision.avoidance);
             check.not_negative("collision.margin_m", collision.margin_m);
+            check.positive("collision.onset_s", collision.onset_s);
+            if let Some(steering) = &collision.steering {
+                check.positive("collision.steering.range_m", steering.range_m);
+                check.not_negative("collision.steering.gain", steering.gain);
+                check.positive("collision.steering.response_1_s", steering.response_1_s);
+                check.not_negative("collision.steering.approach_1_s", steering.approach_1_s);
+                check.positive("collision.steering.speed_max_m_s", steering.speed_max_m_s);
+                if let SteeringSide::Space(direction) = steering.side {
+                    let length = DVec3::from(direction).length();
+                    if !(length.is_finite() && length > 0.0) {
+                        let expected = "three finite numbers, not all zero";
+                        check.fail("collision.steering.side", expected, &direction);
+                    }
+                }
+            }
+        }
+        if let Some(pairs) = &self.self_collision {
+            check.avoidance("self_collision.avoidance", &pairs.avoidance);
+            check.not_negative("self_collision.margin_m", pairs.margin_m);
         }
         if let Some(approach) = &self.approach {
             let length = DVec3::from(approach.axis).length();
@@ -672,6 +603,24 @@ mod tests {
         assert!(error.contains("real_time.required") && error.contains("Cpu"), "{error}");
         let error = error_of(|t| t.replace("acceleration_max: [", "acceleration_max: [1.0, "));
         assert!(error.contains("one number for each joint"), "{error}");
+        let refused = [
+            ("linear_max_m_s: 1.5", "linear_max_m_s: 0.0", "skill.governor.linear_max_m_s"),
+            ("activation_distance: 0.2", "activation_distance: 0.001", "joint_limits.distance_min"),
+            ("free_share: 0.7", "free_share: 1.0", "joint_speeds.free_share"),
+            (
+                "posture: None",
+                "posture: Some((position: [0.0], inertia: 0.1, stiffness_1_s2: 1.0, \
+              damping_1_s: 2.0, saturation: 0.5))",
+                "posture.position",
+            ),
+            ("Space((0.0, 0.0, 1.0))", "Space((0.0, 0.0, 0.0))", "collision.steering.side"),
+            ("onset_s: 0.02", "onset_s: -1.0", "collision.onset_s"),
+            ("margin_m: 0.005", "margin_m: -0.005", "self_collision.margin_m"),
+        ];
+        for (from, to, key) in refused {
+            let error = error_of(|t| t.replace(from, to));
+            assert!(error.contains(key), "{key}: {error}");
+        }
     }
 
     #[test]

@@ -3,12 +3,13 @@
 //! All are geometric dynamical systems [Cheng et al. 2019, RMPflow, section V]: M = G + Ξ,
 //! Ξ = ½ Σ ẋ_i ∂G/∂ẋ_i, f = −∇Φ − Bẋ − ξ_G, so that the stability of the whole tree holds.
 
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector1, Vector3, Vector6};
 
 use crate::frame_map::{FrameMotion, Pose};
 use crate::jet::{Jet, Quat, Real, Vec3};
 use crate::natural::Natural;
+pub use crate::obstacle::{Clearance, Obstacle, Shape};
 use crate::rotation::orientation_chart;
 
 /// Collision avoidance on the clearance d between a control point and an obstacle.
@@ -55,71 +56,18 @@ impl CollisionAvoidance {
             - 0.5 * slope * gate * rate * rate;
         Some(Natural { force: Vector1::new(force), metric: SMatrix::<f64, 1, 1>::new(metric) })
     }
-}
 
-/// A moving obstacle's surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Obstacle {
-    /// A ball.
-    Sphere {
-        /// Centre \[m\].
-        center: DVec3,
-        /// Radius \[m\].
-        radius: f64,
-        /// Velocity of the centre \[m/s\].
-        velocity: DVec3,
-    },
-    /// All below a plane.
-    HalfSpace {
-        /// A point of the plane \[m\].
-        point: DVec3,
-        /// Outward unit normal.
-        normal: DVec3,
-        /// Velocity of the plane \[m/s\].
-        velocity: DVec3,
-    },
-}
-
-/// Clearance of a moving ball from an obstacle.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Clearance {
-    /// d \[m\].
-    pub distance: f64,
-    /// ḋ \[m/s\].
-    pub rate: f64,
-    /// ∂d/∂x; a unit vector where d is a distance.
-    pub normal: DVec3,
-    /// What d̈ is beside nᵀ times the point's acceleration \[m/s²\]; the obstacle's own
-    /// acceleration is taken as zero.
-    pub curvature: f64,
-}
-
-impl Obstacle {
-    /// Clearance of a ball of `radius` at `point`, moving with `velocity`.
+    /// V = Φ + ½ G ḋ² at clearance `distance` \[m\], changing at `rate` \[m/s\]  \[J\].
     #[must_use]
-    pub fn clearance(&self, point: DVec3, velocity: DVec3, radius: f64) -> Clearance {
-        match *self {
-            Self::Sphere { center, radius: size, velocity: own } => {
-                let between = point - center;
-                let length = between.length().max(1e-9);
-                let normal = between / length;
-                let relative = velocity - own;
-                let rate = normal.dot(relative);
-                let sideways = relative - normal * rate;
-                Clearance {
-                    distance: length - size - radius,
-                    rate,
-                    normal,
-                    curvature: sideways.length_squared() / length,
-                }
-            }
-            Self::HalfSpace { point: on, normal, velocity: own } => Clearance {
-                distance: normal.dot(point - on) - radius,
-                rate: normal.dot(velocity - own),
-                normal,
-                curvature: 0.0,
-            },
+    pub fn energy(&self, distance: f64, rate: f64) -> f64 {
+        if distance.is_nan() || distance >= self.activation_distance_m {
+            return 0.0;
         }
+        let ratio = self.activation_distance_m / distance.max(self.clearance_min_m) - 1.0;
+        let weight = self.inertia_kg * ratio * ratio;
+        let approach = rate.min(0.0) / self.approach_speed_m_s;
+        let gate = self.rest_share + approach * approach;
+        0.5 * weight * (self.repulsion_m2_s2 + gate * rate * rate)
     }
 }
 
@@ -250,15 +198,10 @@ impl JointDamping {
     }
 }
 
-/// The z axis of an orientation, e.g. the normal of a half-space.
-#[must_use]
-pub fn z_axis(q: DQuat) -> DVec3 {
-    q * DVec3::Z
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DQuat;
 
     const LEAF: CollisionAvoidance = CollisionAvoidance {
         activation_distance_m: 0.15,
@@ -274,11 +217,7 @@ mod tests {
     #[test]
     fn collision_energy_falls_by_the_damping_alone() {
         let leaf = CollisionAvoidance { damping_1_s: 0.0, ..LEAF };
-        let energy = |d: f64, rate: f64| {
-            let weight = leaf.inertia_kg * (leaf.activation_distance_m / d - 1.0).powi(2);
-            let gate = leaf.rest_share + (rate.min(0.0) / leaf.approach_speed_m_s).powi(2);
-            0.5 * leaf.repulsion_m2_s2 * weight + 0.5 * weight * gate * rate * rate
-        };
+        let energy = |d: f64, rate: f64| leaf.energy(d, rate);
         let acceleration = |d: f64, rate: f64| {
             let natural = leaf.evaluate(d, rate).unwrap();
             natural.force[0] / natural.metric[0]
@@ -307,41 +246,6 @@ mod tests {
         for distance in [0.0, -0.05] {
             let natural = LEAF.evaluate(distance, 0.0).unwrap();
             assert!(natural.force[0] > 0.0 && natural.force[0].is_finite());
-        }
-    }
-
-    #[test]
-    fn clearance_changes_as_its_rate_and_curvature_say() {
-        let velocity = DVec3::new(0.3, -0.2, 0.5);
-        let obstacles = [
-            Obstacle::Sphere {
-                center: DVec3::new(0.5, 0.0, 0.2),
-                radius: 0.06,
-                velocity: DVec3::new(0.0, 0.4, -0.1),
-            },
-            Obstacle::HalfSpace {
-                point: DVec3::new(0.0, 0.0, 0.1),
-                normal: DVec3::new(0.0, 0.6, 0.8),
-                velocity: DVec3::new(0.1, 0.0, 0.2),
-            },
-        ];
-        for obstacle in obstacles {
-            let at = |t: f64| {
-                let moved = match obstacle {
-                    Obstacle::Sphere { center, radius, velocity } => {
-                        Obstacle::Sphere { center: center + velocity * t, radius, velocity }
-                    }
-                    Obstacle::HalfSpace { point, normal, velocity } => {
-                        Obstacle::HalfSpace { point: point + velocity * t, normal, velocity }
-                    }
-                };
-                moved.clearance(DVec3::new(0.7, 0.2, 0.4) + velocity * t, velocity, 0.05)
-            };
-            let h = 1e-4;
-            let (a, b, c) = (at(-h), at(0.0), at(h));
-            assert!((b.rate - (c.distance - a.distance) / (2.0 * h)).abs() < 1e-7);
-            let second = (c.distance - 2.0 * b.distance + a.distance) / (h * h);
-            assert!((b.curvature - second).abs() < 1e-5, "{} {second}", b.curvature);
         }
     }
 

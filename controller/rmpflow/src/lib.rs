@@ -3,8 +3,9 @@
 //!
 //! Start with [`policy`]: a learned skill is either a [`field`] on canonical coordinates behind a
 //! [`frame_map`] ([`skill`]), or the thesis' policy, a [`gaussian_field`] on products of Gaussians
-//! seen from the frames ([`product_skill`], [`gaussian_product`]). [`leaves`] holds the hand-made
-//! policies, [`natural`] pulls all of them back to the joints and resolves them.
+//! seen from the frames ([`product_skill`], [`gaussian_product`]). [`leaves`] and [`joint_leaves`]
+//! hold the hand-made policies, [`avoidance`] leads around [`obstacle`]s, the [`governor`] keeps a skill
+//! within a speed; [`natural`] pulls policies back, and the [`tree`] composes and resolves them.
 //!
 //! ```
 //! use nalgebra::{Matrix1x2, Matrix2, Vector1, Vector2};
@@ -23,16 +24,21 @@
 
 #![allow(clippy::needless_range_loop, reason = "formulas with matrices are written with indices")]
 
+pub mod avoidance;
 pub mod field;
 pub mod frame_map;
 pub mod gaussian_field;
 pub mod gaussian_product;
+pub mod governor;
 pub mod jet;
+pub mod joint_leaves;
 mod lanes;
 pub mod leaves;
 pub mod natural;
+pub mod obstacle;
 pub mod policy;
 mod product_quad;
 pub mod product_skill;
 pub mod rotation;
 pub mod skill;
+pub mod tree;

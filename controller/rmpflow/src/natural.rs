@@ -57,6 +57,12 @@ impl<const N: usize> Natural<N> {
         self.metric += jacobian.tr_mul(&weighted);
     }
 
+    /// Adds a policy on the same space.
+    pub fn add(&mut self, other: &Self) {
+        self.force += other.force;
+        self.metric += other.metric;
+    }
+
     /// The acceleration a = M⁻¹ f, by the decomposition M = L D Lᵀ.
     ///
     /// Hot path: no allocation, O(N³).

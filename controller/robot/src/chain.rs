@@ -7,7 +7,7 @@ use nalgebra::SVector;
 
 use crate::error::{UrdfError, UrdfErrorKind};
 use crate::inertia::SpatialInertia;
-use crate::urdf;
+use crate::urdf::{self, Selection};
 
 /// How a joint moves. A continuous joint is a revolute one with infinite position limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,6 +54,8 @@ pub(crate) struct ChainDescription {
     pub(crate) tool_link: String,
     pub(crate) joints: Vec<JointDescription>,
     pub(crate) links: Vec<(String, usize)>,
+    /// Pose of each link in the frame of its joint.
+    pub(crate) link_poses: Vec<(DMat3, DVec3)>,
     pub(crate) tool_rotation: DMat3,
     pub(crate) tool_position: DVec3,
     pub(crate) collision_shapes: Vec<CollisionShape>,
@@ -121,20 +123,25 @@ pub struct Chain<const N: usize> {
     tool_link: String,
     joint_names: [String; N],
     moving_links: Vec<(String, usize)>,
+    link_poses: Vec<(DMat3, DVec3)>,
     collision_shapes: Vec<CollisionShape>,
 }
 
 impl<const N: usize> Chain<N> {
-    /// Reads the chain between the root link and `tool_link`.
+    /// Reads a chain: from the root of the file to a tool link, when that link is all that is
+    /// given, or as a [`Selection`] says.
     ///
     /// # Errors
     ///
     /// [`UrdfError`] when the file cannot be read, is no URDF, or is not a usable chain of exactly
     /// `N` movable joints.
-    pub fn from_urdf(file: impl AsRef<Path>, tool_link: &str) -> Result<Self, UrdfError> {
-        let file = file.as_ref();
+    pub fn from_urdf(
+        file: impl AsRef<Path>,
+        selection: impl Into<Selection>,
+    ) -> Result<Self, UrdfError> {
+        let (file, selection) = (file.as_ref(), selection.into());
         urdf::read(file)
-            .and_then(|robot| urdf::describe(&robot, tool_link))
+            .and_then(|robot| urdf::describe(&robot, &selection))
             .and_then(Self::from_description)
             .map_err(|kind| UrdfError { file: file.to_owned(), kind })
     }
@@ -160,6 +167,7 @@ impl<const N: usize> Chain<N> {
             root_link: description.root_link,
             tool_link,
             moving_links: description.links,
+            link_poses: description.link_poses,
             collision_shapes: description.collision_shapes,
         })
     }
@@ -187,6 +195,12 @@ impl<const N: usize> Chain<N> {
     /// Links that move: their name and the index of the joint that moves them, fixed links included.
     pub fn moving_links(&self) -> &[(String, usize)] {
         &self.moving_links
+    }
+
+    /// Where `point` [m] in the frame of a moving link lies in that of the joint that moves it; `link`
+    /// is an index into [`Chain::moving_links`]. `None` when there is no such link.
+    pub fn in_joint_frame(&self, link: usize, point: DVec3) -> Option<DVec3> {
+        self.link_poses.get(link).map(|(rotation, position)| *position + *rotation * point)
     }
 
     /// Lower position limits [rad or m]; −∞ for a continuous joint.

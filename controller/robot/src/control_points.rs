@@ -45,9 +45,23 @@ pub enum ControlPointError {
         /// [`CONTROL_POINT_CAPACITY`].
         capacity: usize,
     },
+    /// A listed sphere is on no link that moves.
+    #[error("control points: expected one of the moving links {}, found `{link}`", .expected.join(", "))]
+    UnknownLink {
+        /// The link named.
+        link: String,
+        /// The links there are.
+        expected: Vec<String>,
+    },
+    /// A listed sphere has no size or no place.
+    #[error("control points, link `{link}`: expected a finite position and a radius above zero")]
+    NotFinite {
+        /// The link.
+        link: String,
+    },
     /// A collision shape is a mesh.
     #[error(
-        "link `{link}`: expected collision shapes of cylinders, capsules, spheres or boxes, found a mesh"
+        "link `{link}`: expected collision shapes of cylinders, capsules, spheres or boxes, found a mesh; list its control points in place of it"
     )]
     Mesh {
         /// The link.
@@ -116,6 +130,44 @@ impl ControlPoints {
             }
         }
         Ok(covered)
+    }
+
+    /// Spheres that are listed: link, centre in its frame [m] and radius [m], in any order. What the
+    /// collision shapes are does not matter then.
+    ///
+    /// # Errors
+    ///
+    /// [`ControlPointError`] when a sphere is on no moving link, has no size, or is one too many.
+    pub fn listed<const N: usize>(
+        chain: &Chain<N>,
+        list: &[(String, DVec3, f64)],
+    ) -> Result<Self, ControlPointError> {
+        let empty = ControlPoint { link: 0, joint: 0, centre: DVec3::NAN, radius: f64::NAN };
+        let mut listed = Self { points: [empty; CONTROL_POINT_CAPACITY], count: 0 };
+        let links = chain.moving_links();
+        // In the order of the chain, so that the spheres of a link are side by side.
+        for (link, (name, joint)) in links.iter().enumerate() {
+            for (_, centre, radius) in list.iter().filter(|(of, _, _)| of == name) {
+                let place = chain.in_joint_frame(link, *centre).filter(|place| place.is_finite());
+                let (Some(centre), true) = (place, radius.is_finite() && *radius > 0.0) else {
+                    return Err(ControlPointError::NotFinite { link: name.clone() });
+                };
+                *listed.points.get_mut(listed.count).ok_or_else(|| {
+                    ControlPointError::TooMany {
+                        link: name.clone(),
+                        capacity: CONTROL_POINT_CAPACITY,
+                    }
+                })? = ControlPoint { link, joint: *joint, centre, radius: *radius };
+                listed.count += 1;
+            }
+        }
+        match list.iter().find(|(of, _, _)| links.iter().all(|(name, _)| name != of)) {
+            None => Ok(listed),
+            Some((link, _, _)) => Err(ControlPointError::UnknownLink {
+                link: link.clone(),
+                expected: links.iter().map(|(name, _)| name.clone()).collect(),
+            }),
+        }
     }
 
     /// The spheres.

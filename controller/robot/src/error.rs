@@ -64,6 +64,32 @@ pub enum UrdfErrorKind {
         /// The links of the file.
         found: Vec<String>,
     },
+    /// The base link is no link of the file.
+    #[error("base link `{base_link}`: expected a link of the file, found only: {}", .found.join(", "))]
+    UnknownBaseLink {
+        /// The name asked for.
+        base_link: String,
+        /// The links of the file.
+        found: Vec<String>,
+    },
+    /// The base link does not carry the tool link.
+    #[error(
+        "base link `{base_link}`: expected a link between the root and `{tool_link}`, found one beside"
+    )]
+    NotAbove {
+        /// The base link.
+        base_link: String,
+        /// The tool link.
+        tool_link: String,
+    },
+    /// A joint that shall be held is no joint of the file.
+    #[error("held joint `{joint}`: expected a joint of the file, found only: {}", .found.join(", "))]
+    UnknownHeldJoint {
+        /// The name given.
+        joint: String,
+        /// The joints of the file.
+        found: Vec<String>,
+    },
     /// A link's parents run in a circle.
     #[error("link `{link}`: expected a path to the root link, found a closed loop")]
     ClosedLoop {

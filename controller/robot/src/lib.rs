@@ -49,6 +49,7 @@ mod dynamics;
 mod error;
 mod inertia;
 mod kinematics;
+mod self_pairs;
 mod trigonometry;
 mod urdf;
 
@@ -64,4 +65,5 @@ pub use kinematics::{
     Kinematics, PointKinematics, forward_kinematics, forward_kinematics_with_velocity,
     point_kinematics, point_position,
 };
-pub use urdf::{JOINTS_MAX, JOINTS_MIN, count_joints};
+pub use self_pairs::{Ignored, SelfPairs};
+pub use urdf::{JOINTS_MAX, JOINTS_MIN, Selection, count_joints};

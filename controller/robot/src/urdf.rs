@@ -22,31 +22,53 @@ pub const JOINTS_MAX: usize = 8;
 /// Smallest principal moment accepted, as a factor of the largest: room for rounded figures.
 const PRINCIPAL_MOMENT_MIN: f64 = -1e-9;
 
-/// Number of movable joints between the root link and `tool_link`, to choose the `N` of
+/// Number of movable joints of the selected chain, to choose the `N` of
 /// [`crate::Chain`] at run time: from [`JOINTS_MIN`] to [`JOINTS_MAX`].
 ///
 /// # Errors
 ///
 /// [`UrdfError`] when the file cannot be read, the path has an unsupported joint, or the number is
 /// out of range. Limits, inertias and shapes are left to [`crate::Chain::from_urdf`].
-pub fn count_joints(file: impl AsRef<Path>, tool_link: &str) -> Result<usize, UrdfError> {
-    let file = file.as_ref();
+pub fn count_joints(
+    file: impl AsRef<Path>,
+    selection: impl Into<Selection>,
+) -> Result<usize, UrdfError> {
+    let (file, selection) = (file.as_ref(), selection.into());
     read(file)
-        .and_then(|robot| count(&robot, tool_link))
+        .and_then(|robot| count(&robot, &selection))
         .map_err(|kind| UrdfError { file: file.to_owned(), kind })
 }
 
-fn count(robot: &Robot, tool_link: &str) -> Result<usize, Kind> {
-    let tree = Tree::new(robot)?;
+fn count(robot: &Robot, selection: &Selection) -> Result<usize, Kind> {
+    let tree = Tree::new(robot, selection)?;
+    let tool_link = &selection.tool_link;
     let mut found = 0;
     for joint in tree.path_to(tool_link)? {
-        found += usize::from(joint_kind(joint)?.is_some());
+        found += usize::from(tree.joint_kind(joint)?.is_some());
     }
     if (JOINTS_MIN..=JOINTS_MAX).contains(&found) {
         Ok(found)
     } else {
-        let (tool_link, min, max) = (tool_link.to_owned(), JOINTS_MIN, JOINTS_MAX);
+        let (tool_link, min, max) = (tool_link.clone(), JOINTS_MIN, JOINTS_MAX);
         Err(Kind::JointCountRange { tool_link, min, max, found })
+    }
+}
+
+/// Which chain of a URDF is the robot.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Selection {
+    /// Link that is the base `B`; the root of the file when `None`. What lies above it is left out.
+    pub base_link: Option<String>,
+    /// Link at the end of the chain, the tool `E`.
+    pub tool_link: String,
+    /// Joints that are held at zero, as if they were fixed: those of a gripper, for example.
+    pub held_joints: Vec<String>,
+}
+
+impl From<&str> for Selection {
+    /// From the root of the file to `tool_link`, no joint held.
+    fn from(tool_link: &str) -> Self {
+        Self { tool_link: tool_link.to_owned(), ..Self::default() }
     }
 }
 
@@ -64,14 +86,16 @@ struct Anchor {
     position: DVec3,
 }
 
-/// Checks the robot and folds it into the chain between its root link and `tool_link`.
-pub(crate) fn describe(robot: &Robot, tool_link: &str) -> Result<ChainDescription, Kind> {
-    let tree = Tree::new(robot)?;
+/// Checks the robot and folds it into the selected chain.
+pub(crate) fn describe(robot: &Robot, selection: &Selection) -> Result<ChainDescription, Kind> {
+    let tree = Tree::new(robot, selection)?;
+    let tool_link = selection.tool_link.as_str();
     let path = tree.path_to(tool_link)?;
     let root = tree.root;
 
     let mut joints: Vec<JointDescription> = Vec::new();
     let mut links = Vec::new();
+    let mut link_poses = Vec::new();
     let mut collision_shapes = Vec::new();
     let mut tool = None;
 
@@ -95,6 +119,7 @@ pub(crate) fn describe(robot: &Robot, tool_link: &str) -> Result<ChainDescriptio
                 });
             }
             links.push((link.name.clone(), joint));
+            link_poses.push((anchor.rotation, anchor.position));
         }
         if name == tool_link {
             tool = Some(anchor);
@@ -108,7 +133,7 @@ pub(crate) fn describe(robot: &Robot, tool_link: &str) -> Result<ChainDescriptio
                 position: anchor.rotation * position + anchor.position,
             };
             let on_path = path.iter().any(|other| other.name == joint.name);
-            let child = match joint_kind(joint) {
+            let child = match tree.joint_kind(joint) {
                 Ok(None) => child,
                 Ok(Some(kind)) if on_path => {
                     let axis = joint_frame(unit_axis(joint)?);
@@ -148,6 +173,7 @@ pub(crate) fn describe(robot: &Robot, tool_link: &str) -> Result<ChainDescriptio
         tool_link: tool_link.to_owned(),
         joints,
         links,
+        link_poses,
         tool_rotation,
         tool_position,
         collision_shapes,
@@ -160,11 +186,13 @@ struct Tree<'a> {
     links: HashMap<&'a str, &'a Link>,
     /// The parent joint of each link but the root.
     parents: HashMap<&'a str, &'a Joint>,
+    /// The base.
     root: &'a str,
+    held: &'a [String],
 }
 
 impl<'a> Tree<'a> {
-    fn new(robot: &'a Robot) -> Result<Self, Kind> {
+    fn new(robot: &'a Robot, selection: &'a Selection) -> Result<Self, Kind> {
         let mut links = HashMap::new();
         for link in &robot.links {
             if links.insert(link.name.as_str(), link).is_some() {
@@ -201,14 +229,33 @@ impl<'a> Tree<'a> {
         let [root] = roots[..] else {
             return Err(Kind::RootCount { found: roots.into_iter().map(str::to_owned).collect() });
         };
-        let tree = Self { robot, links, parents, root };
+        let held = &selection.held_joints;
+        if let Some(joint) = held.iter().find(|name| !names.contains_key(name.as_str())) {
+            let found = robot.joints.iter().map(|joint| joint.name.clone()).collect();
+            return Err(Kind::UnknownHeldJoint { joint: joint.clone(), found });
+        }
+        let mut tree = Self { robot, links, parents, root, held };
         for link in &robot.links {
             tree.path_to(&link.name)?;
+        }
+        if let Some(base) = &selection.base_link {
+            let link = robot.links.iter().find(|link| link.name == *base);
+            tree.root = &link
+                .ok_or_else(|| Kind::UnknownBaseLink {
+                    base_link: base.clone(),
+                    found: robot.links.iter().map(|link| link.name.clone()).collect(),
+                })?
+                .name;
         }
         Ok(tree)
     }
 
-    /// The joints from the root to `tool_link`, in that order.
+    /// How the joint moves; `None` for a fixed one or one that is held.
+    fn joint_kind(&self, joint: &Joint) -> Result<Option<JointKind>, Kind> {
+        if self.held.contains(&joint.name) { Ok(None) } else { joint_kind(joint) }
+    }
+
+    /// The joints from the base to `tool_link`, in that order.
     fn path_to(&self, tool_link: &str) -> Result<Vec<&'a Joint>, Kind> {
         if !self.links.contains_key(tool_link) {
             return Err(Kind::UnknownToolLink {
@@ -218,13 +265,19 @@ impl<'a> Tree<'a> {
         }
         let mut path = Vec::new();
         let mut link = tool_link;
-        while let Some(joint) = self.parents.get(link) {
+        while let Some(joint) = self.parents.get(link).filter(|_| link != self.root) {
             // A path without a loop has fewer joints than the file has links.
             if path.len() >= self.links.len() {
                 return Err(Kind::ClosedLoop { link: link.to_owned() });
             }
             path.push(*joint);
             link = joint.parent.link.as_str();
+        }
+        if link != self.root {
+            return Err(Kind::NotAbove {
+                base_link: self.root.to_owned(),
+                tool_link: tool_link.to_owned(),
+            });
         }
         path.reverse();
         Ok(path)

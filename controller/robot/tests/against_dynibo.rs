@@ -4,13 +4,13 @@ mod common;
 
 use std::path::Path;
 
-use common::{data_file, point2d, robot_file, skew, states, ur5};
+use common::{data_file, point2d, pybullet_file, robot_file, skew, states, ur5};
 use dynibo::Robot;
 use glam::DVec3;
 use nalgebra::{DMatrix, SMatrix, SVector};
 use tprmp_robot::{
-    Chain, Kinematics, forward_dynamics, forward_kinematics_with_velocity, gravity_torques,
-    inverse_dynamics, mass_matrix,
+    Chain, Kinematics, Selection, forward_dynamics, forward_kinematics_with_velocity,
+    gravity_torques, inverse_dynamics, mass_matrix,
 };
 
 /// The gravity that dynibo has built in [m/s²].
@@ -33,17 +33,24 @@ fn close<const R: usize, const C: usize>(
     assert!(deviation < DEVIATION_MAX, "{what}: deviation {deviation}\n{ours}{theirs}");
 }
 
-fn compare<const N: usize>(chain: &Chain<N>, file: &Path, seed: u64) {
+/// * `held`  joints of the file beyond the chain's, last in its order, which stay at zero
+fn compare<const N: usize>(chain: &Chain<N>, file: &Path, held: usize, seed: u64) {
     let mut oracle = Robot::from_urdf(file).unwrap();
-    assert_eq!(oracle.joint_count(), N);
+    let count = N + held;
+    assert_eq!(oracle.joint_count(), count);
     let tool = oracle.link_id(chain.tool_link()).unwrap();
     let mut kinematics = Kinematics::new();
-    let mut columns = vec![0.0; 6 * N];
-    let mut matrix = vec![0.0; N * N];
-    let mut torques = vec![0.0; N];
+    let mut columns = vec![0.0; 6 * count];
+    let mut matrix = vec![0.0; count * count];
+    let mut torques = vec![0.0; count];
 
     for [q, q_d, q_dd] in states::<N>(seed) {
-        let (s, s_d, s_dd) = (q.as_slice(), q_d.as_slice(), q_dd.as_slice());
+        let [s, s_d, s_dd] = [&q, &q_d, &q_dd].map(|v| {
+            let mut all = v.as_slice().to_vec();
+            all.resize(count, 0.0);
+            all
+        });
+        let (s, s_d, s_dd) = (&s[..], &s_d[..], &s_dd[..]);
         forward_kinematics_with_velocity(chain, &q, &q_d, &mut kinematics);
 
         let pose = oracle.forward_kinematics(s, tool).unwrap();
@@ -54,38 +61,64 @@ fn compare<const N: usize>(chain: &Chain<N>, file: &Path, seed: u64) {
         close("orientation", SMatrix::from(rotation), *theirs.matrix());
 
         oracle.jacobian(s, tool, &mut columns).unwrap();
-        close("Jacobian", kinematics.tool_jacobian, linear_first(&columns));
+        close("Jacobian", kinematics.tool_jacobian, linear_first(&columns[..6 * N]));
         oracle.jacobian_derivative(s, s_d, tool, &mut columns).unwrap();
-        close("J̇q̇", kinematics.tool_jd_qd, linear_first::<N>(&columns) * q_d);
+        close("J̇q̇", kinematics.tool_jd_qd, linear_first::<N>(&columns[..6 * N]) * q_d);
 
         oracle.mass_matrix(s, &mut matrix).unwrap();
-        close("mass matrix", mass_matrix(chain, &q), SMatrix::from_column_slice(&matrix));
+        let theirs = DMatrix::from_column_slice(count, count, &matrix);
+        let theirs = SMatrix::from_fn(|i, j| theirs[(i, j)]);
+        close("mass matrix", mass_matrix(chain, &q), theirs);
         oracle.inverse_dynamics(s, s_d, s_dd, &[], &mut torques).unwrap();
         let ours = inverse_dynamics(chain, &q, &q_d, &q_dd, GRAVITY);
-        close("inverse dynamics", ours, SVector::from_column_slice(&torques));
+        close("inverse dynamics", ours, SVector::from_column_slice(&torques[..N]));
         oracle.gravity(s, &[], &mut torques).unwrap();
-        close("gravity", gravity_torques(chain, &q, GRAVITY), SVector::from_column_slice(&torques));
+        close(
+            "gravity",
+            gravity_torques(chain, &q, GRAVITY),
+            SVector::from_column_slice(&torques[..N]),
+        );
 
-        // Accelerations reach 10⁴ rad/s² here, so the deviation is taken relative to them.
-        oracle.forward_dynamics(s, s_d, s_dd, &[], &mut torques).unwrap();
-        let theirs: SVector<f64, N> = SVector::from_column_slice(&torques);
-        let scale = 1.0 + theirs.amax();
-        let ours = forward_dynamics(chain, &q, &q_d, &q_dd, GRAVITY).unwrap();
-        close("forward dynamics", ours / scale, theirs / scale);
+        // Accelerations reach 10⁴ rad/s² here, so the deviation is taken relative to them. Joints
+        // that are held cannot be in the oracle, in which they would move.
+        if held == 0 {
+            oracle.forward_dynamics(s, s_d, s_dd, &[], &mut torques).unwrap();
+            let theirs: SVector<f64, N> = SVector::from_column_slice(&torques[..N]);
+            let scale = 1.0 + theirs.amax();
+            let ours = forward_dynamics(chain, &q, &q_d, &q_dd, GRAVITY).unwrap();
+            close("forward dynamics", ours / scale, theirs / scale);
+        }
     }
 }
 
 #[test]
 fn ur5_with_tool() {
-    compare(&ur5(), &robot_file("ur5.urdf"), 1);
+    compare(&ur5(), &robot_file("ur5.urdf"), 0, 1);
 }
 
 #[test]
 fn point_in_the_plane() {
-    compare(&point2d(), &robot_file("point2d.urdf"), 2);
+    compare(&point2d(), &robot_file("point2d.urdf"), 0, 2);
 }
 
 #[test]
 fn skew_axes_all_joint_types_and_side_branches() {
-    compare(&skew(), &data_file("skew.urdf"), 3);
+    compare(&skew(), &data_file("skew.urdf"), 0, 3);
+}
+
+#[test]
+fn franka_panda_with_its_fingers_held() {
+    let file = pybullet_file("franka_panda/panda.urdf");
+    let selection = Selection {
+        base_link: Some("panda_link0".into()),
+        tool_link: "panda_hand".into(),
+        held_joints: vec!["panda_finger_joint1".into(), "panda_finger_joint2".into()],
+    };
+    compare(&Chain::<7>::from_urdf(&file, selection).unwrap(), &file, 2, 4);
+}
+
+#[test]
+fn kuka_iiwa() {
+    let file = pybullet_file("kuka_iiwa/model.urdf");
+    compare(&Chain::<7>::from_urdf(&file, "lbr_iiwa_link_7").unwrap(), &file, 0, 5);
 }

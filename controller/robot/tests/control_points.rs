@@ -4,7 +4,7 @@ mod common;
 
 use std::path::PathBuf;
 
-use common::{point2d, skew, ur5};
+use common::{point2d, robot_file, skew, ur5};
 use glam::DVec3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -199,4 +199,35 @@ fn meshes_cannot_be_covered() {
     let message = ControlPoints::new(&chain).unwrap_err().to_string();
     assert!(message.contains("link `c`: expected collision shapes of cylinders"), "{message}");
     assert!(message.contains("found a mesh"), "{message}");
+}
+
+#[test]
+fn listed_spheres_lie_where_their_links_are() {
+    let chain = ur5();
+    let list = [
+        ("suction_tool".to_owned(), DVec3::new(0.0, 0.0, 0.05), 0.03),
+        ("forearm_link".to_owned(), DVec3::new(0.2, 0.0, 0.0), 0.06),
+    ];
+    let points = ControlPoints::listed(&chain, &list).unwrap();
+    let names: Vec<_> =
+        points.as_slice().iter().map(|p| &chain.moving_links()[p.link].0[..]).collect();
+    assert_eq!(names, ["forearm_link", "suction_tool"]);
+    // The tool frame of a chain that ends at the link is the link's frame.
+    let file = robot_file("ur5.urdf");
+    let to_tool = tprmp_robot::Chain::<6>::from_urdf(file, "suction_tool").unwrap();
+    let q = [0.3, -1.2, 1.4, -1.8, -1.5, 0.7].into();
+    let mut kinematics = tprmp_robot::Kinematics::new();
+    tprmp_robot::forward_kinematics(&to_tool, &q, &mut kinematics);
+    let expected = kinematics.tool_position + kinematics.tool_rotation * DVec3::new(0.0, 0.0, 0.05);
+    let tool = points.as_slice()[1];
+    let found = tprmp_robot::point_position(&kinematics, tool.joint, tool.centre);
+    assert!((found - expected).length() < 1e-12, "{found} {expected}");
+
+    let refused = |link: &str, radius: f64| {
+        ControlPoints::listed(&chain, &[(link.to_owned(), DVec3::ZERO, radius)])
+            .unwrap_err()
+            .to_string()
+    };
+    assert!(refused("hand", 0.1).contains("found `hand`"));
+    assert!(refused("forearm_link", 0.0).contains("radius above zero"));
 }

@@ -5,7 +5,7 @@ mod common;
 use std::path::PathBuf;
 
 use common::{data_file, robot_file, skew, ur5};
-use tprmp_robot::{Chain, JointKind, UrdfErrorKind, count_joints};
+use tprmp_robot::{Chain, JointKind, Selection, UrdfErrorKind, count_joints};
 
 /// A chain of two joints with a fixed side branch, to be spoilt by the tests.
 const GOOD: &str = r#"<robot name="good">
@@ -171,6 +171,35 @@ fn unknown_tool_link() {
     ];
     names(&Chain::<2>::from_urdf(&file, "gripper").unwrap_err().to_string(), &file, &expected);
     names(&count_joints(&file, "gripper").unwrap_err().to_string(), &file, &expected);
+}
+
+#[test]
+fn a_base_below_the_root_and_held_joints_choose_the_chain() {
+    let file = robot_file("ur5.urdf");
+    let selection = |base: &str, tool: &str, held: &[&str]| Selection {
+        base_link: Some(base.into()),
+        tool_link: tool.into(),
+        held_joints: held.iter().map(|joint| (*joint).to_owned()).collect(),
+    };
+    let arm = selection("upper_arm_link", "suction_tip", &["wrist_3_joint"]);
+    assert_eq!(count_joints(&file, arm.clone()).unwrap(), 3);
+    let chain = Chain::<3>::from_urdf(&file, arm).unwrap();
+    assert_eq!(chain.root_link(), "upper_arm_link");
+    assert_eq!(chain.joint_names(), &["elbow_joint", "wrist_1_joint", "wrist_2_joint"]);
+    assert!(chain.moving_links().iter().all(|(link, _)| link != "shoulder_link"));
+    for (selection, expected) in [
+        (selection("leg", "suction_tip", &[]), "base link `leg`: expected a link of the file"),
+        (
+            selection("suction_tool", "forearm_link", &[]),
+            "base link `suction_tool`: expected a link between the root and `forearm_link`",
+        ),
+        (
+            selection("base_link", "suction_tip", &["thumb"]),
+            "held joint `thumb`: expected a joint of the file",
+        ),
+    ] {
+        names(&count_joints(&file, selection).unwrap_err().to_string(), &file, &[expected]);
+    }
 }
 
 #[test]

@@ -42,7 +42,7 @@ impl<const N: usize> Arm for Serial<N> {
 
 /// Reads the arm that a controller's configuration names.
 pub(super) fn read(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, LearnerError> {
-    match count_joints(&robot.urdf, &robot.tool_link).map_err(RecordError::from)? {
+    match count_joints(&robot.urdf, robot.selection()).map_err(RecordError::from)? {
         2 => serial::<2>(config, robot),
         3 => serial::<3>(config, robot),
         4 => serial::<4>(config, robot),
@@ -55,7 +55,7 @@ pub(super) fn read(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, Learner
 }
 
 fn serial<const N: usize>(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, LearnerError> {
-    let chain = Chain::<N>::from_urdf(&robot.urdf, &robot.tool_link).map_err(RecordError::from)?;
+    let chain = Chain::<N>::from_urdf(&robot.urdf, robot.selection()).map_err(RecordError::from)?;
     if chain.joint_names()[..] != robot.joints[..] {
         let problem = format!(
             "expected the joints that `{}` has between its root and `{}`, {:?}, found {:?}",

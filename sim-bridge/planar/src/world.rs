@@ -42,7 +42,7 @@ pub(crate) struct World {
 impl World {
     /// The situation of a seed, the point at rest at its start.
     pub(crate) fn new(scene: &Scene, seed: u64, with_push: bool) -> Result<Self, SimError> {
-        let chain = Chain::<2>::from_urdf(&scene.robot.urdf, &scene.robot.tool_link)?;
+        let chain = Chain::<2>::from_urdf(&scene.robot.urdf, scene.robot.tool_link.as_str())?;
         let radius = chain.collision_shapes().iter().find_map(|shape| match shape.geometry {
             CollisionGeometry::Sphere { radius } => Some(radius),
             _ => None,

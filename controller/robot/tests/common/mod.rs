@@ -48,3 +48,15 @@ pub(crate) fn states<const N: usize>(seed: u64) -> impl Iterator<Item = State<N>
     (0..STATES)
         .map(move |_| std::array::from_fn(|_| SVector::from_fn(|_, _| rng.random_range(-3.0..3.0))))
 }
+
+/// A robot of pybullet's own data package, in the environment that `make venv` sets up.
+pub(crate) fn pybullet_file(name: &str) -> PathBuf {
+    let venv = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../target/venv/lib");
+    let pythons = std::fs::read_dir(&venv)
+        .unwrap_or_else(|error| panic!("{}: {error}; run `make venv`", venv.display()));
+    let file = pythons
+        .flatten()
+        .map(|python| python.path().join("site-packages/pybullet_data").join(name))
+        .find(|file| file.exists());
+    file.unwrap_or_else(|| panic!("{name} is not in {}: run `make venv`", venv.display()))
+}

@@ -1,0 +1,335 @@
+//! The leaves of the tree as they are configured.
+
+use glam::DVec3;
+use serde::Deserialize;
+use tprmp_rmpflow::avoidance::{self, Side};
+use tprmp_rmpflow::governor::SpeedGovernor;
+use tprmp_rmpflow::leaves::{ApproachFunnel, CollisionAvoidance, JointDamping, PoseAttractor};
+use tprmp_rmpflow::skill::SkillInertia;
+
+/// A link and a kind of obstacle that need not keep apart.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Exemption {
+    /// Name of the link.
+    pub link: String,
+    /// Kind of obstacle.
+    pub obstacle: ExemptObstacle,
+}
+
+/// A kind of obstacle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub enum ExemptObstacle {
+    /// Balls.
+    Sphere,
+    /// Capsules.
+    Capsule,
+    /// Boxes.
+    Box,
+    /// Half-spaces.
+    HalfSpace,
+}
+
+/// How a clearance is kept.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Avoidance {
+    /// Within this clearance the leaf speaks \[m\].
+    pub activation_distance_m: f64,
+    /// Clearance below which the leaf no longer grows \[m\].
+    pub clearance_min_m: f64,
+    /// Inertia of the leaf \[kg\].
+    pub inertia_kg: f64,
+    /// Share of the inertia that speaks at any velocity.
+    pub rest_share: f64,
+    /// Approach speed that counts as fast \[m/s\].
+    pub approach_speed_m_s: f64,
+    /// Strength of the repulsion \[m²/s²\].
+    pub repulsion_m2_s2: f64,
+    /// Damping of the approach \[1/s\].
+    pub damping_1_s: f64,
+}
+
+/// Collision avoidance.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Collision {
+    /// Clearance that is added to every link's radius \[m\].
+    pub margin_m: f64,
+    /// How the clearance between links and obstacles is kept.
+    pub avoidance: Avoidance,
+    /// How links are led around obstacles, `None` where they shall wait.
+    pub steering: Option<Steering>,
+    /// What obstacles add to a joint's acceleration takes at least this long to grow to
+    /// `robot.acceleration_max` \[s\].
+    pub onset_s: f64,
+    /// Pairs that need not keep apart, e.g. the tool and the table it picks from.
+    pub exempt: Vec<Exemption>,
+}
+
+/// How links are led around obstacles.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Steering {
+    /// Clearance within which it acts \[m\].
+    pub range_m: f64,
+    /// How much faster than it pressed on the obstacle a link goes aside.
+    pub gain: f64,
+    /// Damping of the policy that is steered \[1/s\].
+    pub response_1_s: f64,
+    /// Speed of approach that is permitted for each metre of clearance \[1/s\].
+    pub approach_1_s: f64,
+    /// Largest speed that is steered with \[m/s\].
+    pub speed_max_m_s: f64,
+    /// Where to go when the task tells no side.
+    pub side: SteeringSide,
+}
+
+/// Where a link may go around an obstacle.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub enum SteeringSide {
+    /// Left or right in the xy plane.
+    Plane,
+    /// To any side; towards this direction when the task tells none.
+    Space([f64; 3]),
+}
+
+/// Clearance of the arm from itself.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SelfCollision {
+    /// Clearance that is added between two links \[m\].
+    pub margin_m: f64,
+    /// How it is kept.
+    pub avoidance: Avoidance,
+    /// Pairs of links that need not keep apart, besides neighbours and those that touch in any
+    /// posture.
+    pub exempt: Vec<(String, String)>,
+}
+
+/// How joints are kept inside their position limits.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointLimitLeaf {
+    /// Within this distance from a limit the leaf speaks \[rad or m\].
+    pub activation_distance: f64,
+    /// Distance below which the leaf no longer grows \[rad or m\].
+    pub distance_min: f64,
+    /// Inertia of the leaf \[kg m² or kg\].
+    pub inertia: f64,
+    /// Share of the inertia that speaks at any velocity.
+    pub rest_share: f64,
+    /// Speed towards the limit that counts as fast \[rad/s or m/s\].
+    pub approach_speed: f64,
+    /// Strength of the repulsion \[rad²/s² or m²/s²\].
+    pub repulsion: f64,
+    /// Damping of the approach \[1/s\].
+    pub damping_1_s: f64,
+}
+
+/// How joints are kept below their speed limits.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointSpeedLeaf {
+    /// Share of the permitted speed from which on the leaf speaks.
+    pub free_share: f64,
+    /// Inertia of the leaf \[kg m² or kg\].
+    pub inertia: f64,
+    /// Damping \[1/s\].
+    pub damping_1_s: f64,
+}
+
+/// The posture to which an arm returns where its task leaves it free.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PostureLeaf {
+    /// Joint positions \[rad or m\].
+    pub position: Vec<f64>,
+    /// Inertia \[kg m² or kg\].
+    pub inertia: f64,
+    /// Stiffness \[1/s²\].
+    pub stiffness_1_s2: f64,
+    /// Damping \[1/s\].
+    pub damping_1_s: f64,
+    /// Distance at which the pull saturates \[rad or m\].
+    pub saturation: f64,
+}
+
+/// The speeds within which a skill is followed.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Governor {
+    /// Largest speed that is asked for \[m/s\].
+    pub linear_max_m_s: f64,
+    /// Largest angular speed that is asked for \[rad/s\].
+    pub angular_max_rad_s: f64,
+    /// Damping of the skill \[1/s\].
+    pub response_1_s: f64,
+}
+
+/// The funnel through which the tool approaches the goal.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Approach {
+    /// Direction out of the funnel, in the skill's goal frame; any length but zero.
+    pub axis: [f64; 3],
+    /// Height of the funnel's rim above its bottom \[m\].
+    pub depth_m: f64,
+    /// Half-width of the funnel's hole \[m\].
+    pub width_m: f64,
+    /// How the clearance from the funnel's surface is kept.
+    pub avoidance: Avoidance,
+}
+
+/// Damping in joint space.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointDampingLeaf {
+    /// Inertia \[kg m² or kg\].
+    pub inertia: f64,
+    /// Damping \[1/s\].
+    pub damping_1_s: f64,
+}
+
+/// How strongly the skill speaks against other leaves.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SkillLeaf {
+    /// Inertia of the position at the goal \[kg\].
+    pub linear_inertia_kg: f64,
+    /// Inertia of the orientation at the goal \[kg m²\].
+    pub angular_inertia_kg_m2: f64,
+    /// The speeds within which it is followed.
+    pub governor: Governor,
+}
+
+/// What is done once the gripper holds the object.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lift {
+    /// The gripper closes within this distance of the goal \[m\].
+    pub grip_distance_m: f64,
+    /// … and this angle \[rad\].
+    pub grip_angle_rad: f64,
+    /// How high the tool is lifted along the base's z axis \[m\].
+    pub height_m: f64,
+    /// Linear inertia of the attractor \[kg\].
+    pub linear_inertia_kg: f64,
+    /// Angular inertia of the attractor \[kg m²\].
+    pub angular_inertia_kg_m2: f64,
+    /// Stiffness \[1/s²\].
+    pub stiffness_1_s2: f64,
+    /// Damping \[1/s\].
+    pub damping_1_s: f64,
+    /// Distance at which the pull saturates \[m\].
+    pub saturation_m: f64,
+}
+
+impl Avoidance {
+    /// The leaf.
+    #[must_use]
+    pub fn leaf(&self) -> CollisionAvoidance {
+        CollisionAvoidance {
+            activation_distance_m: self.activation_distance_m,
+            clearance_min_m: self.clearance_min_m,
+            inertia_kg: self.inertia_kg,
+            rest_share: self.rest_share,
+            approach_speed_m_s: self.approach_speed_m_s,
+            repulsion_m2_s2: self.repulsion_m2_s2,
+            damping_1_s: self.damping_1_s,
+        }
+    }
+}
+
+impl Collision {
+    /// The leaf and the steering.
+    #[must_use]
+    pub fn leaf(&self) -> avoidance::Avoidance {
+        let steering = self.steering.map(|steering| avoidance::Steering {
+            range_m: steering.range_m,
+            gain: steering.gain,
+            response_1_s: steering.response_1_s,
+            approach_1_s: steering.approach_1_s,
+            speed_max_m_s: steering.speed_max_m_s,
+            side: match steering.side {
+                SteeringSide::Plane => Side::Plane,
+                SteeringSide::Space(direction) => Side::Space(direction.into()),
+            },
+        });
+        avoidance::Avoidance { leaf: self.avoidance.leaf(), steering, margin_m: self.margin_m }
+    }
+}
+
+impl JointLimitLeaf {
+    /// The leaf on the distance from a limit: lengths are angles where the joint turns.
+    #[must_use]
+    pub fn leaf(&self) -> CollisionAvoidance {
+        CollisionAvoidance {
+            activation_distance_m: self.activation_distance,
+            clearance_min_m: self.distance_min,
+            inertia_kg: self.inertia,
+            rest_share: self.rest_share,
+            approach_speed_m_s: self.approach_speed,
+            repulsion_m2_s2: self.repulsion,
+            damping_1_s: self.damping_1_s,
+        }
+    }
+}
+
+impl Governor {
+    /// The governor.
+    #[must_use]
+    pub fn governor(&self) -> SpeedGovernor {
+        SpeedGovernor {
+            linear_max_m_s: self.linear_max_m_s,
+            angular_max_rad_s: self.angular_max_rad_s,
+            response_1_s: self.response_1_s,
+        }
+    }
+}
+
+impl Approach {
+    /// The leaf.
+    #[must_use]
+    pub fn leaf(&self) -> ApproachFunnel {
+        ApproachFunnel {
+            axis: DVec3::from(self.axis).normalize(),
+            depth_m: self.depth_m,
+            width_m: self.width_m,
+            leaf: self.avoidance.leaf(),
+        }
+    }
+}
+
+impl Lift {
+    /// The leaf.
+    #[must_use]
+    pub fn leaf(&self) -> PoseAttractor {
+        PoseAttractor {
+            linear_inertia_kg: self.linear_inertia_kg,
+            angular_inertia_kg_m2: self.angular_inertia_kg_m2,
+            stiffness_1_s2: self.stiffness_1_s2,
+            damping_1_s: self.damping_1_s,
+            saturation_m: self.saturation_m,
+        }
+    }
+}
+
+impl JointDampingLeaf {
+    /// The leaf.
+    #[must_use]
+    pub fn leaf(&self) -> JointDamping {
+        JointDamping { inertia: self.inertia, damping_1_s: self.damping_1_s }
+    }
+}
+
+impl SkillLeaf {
+    /// The inertia.
+    #[must_use]
+    pub fn inertia(&self) -> SkillInertia {
+        SkillInertia {
+            linear_kg: self.linear_inertia_kg,
+            angular_kg_m2: self.angular_inertia_kg_m2,
+        }
+    }
+}

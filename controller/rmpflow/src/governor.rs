@@ -1,0 +1,102 @@
+//! A governor: keeps what a learned policy asks for within a speed.
+
+use nalgebra::{Cholesky, Matrix3, Vector3, Vector6};
+
+use crate::natural::Natural;
+
+/// Scales the acceleration of a policy on a pose where the velocity it tends to is too fast.
+///
+/// A policy of damping d that asks for the acceleration a tends to the velocity u = ẋ + a/d. Led far
+/// from its demonstrations, a learned field may ask for any: where its inertia falls, what moves
+/// speeds up by it. With s = min(1, v/|u|)
+///
+/// ```text
+/// a′ = d (s u − ẋ),  so  f′ = s f − (1 − s) d M ẋ        |a′| ≤ d (v + |ẋ|)
+/// ```
+///
+/// Where it acts, V falls at the rate d ẋᵀM(ẋ + (1 − s) u) in place of d ẋᵀMẋ: faster, unless the
+/// policy brakes. Where it does not act, nothing changes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpeedGovernor {
+    /// v: largest speed that is asked for \[m/s\].
+    pub linear_max_m_s: f64,
+    /// The same for turning \[rad/s\].
+    pub angular_max_rad_s: f64,
+    /// d: damping of the policy \[1/s\].
+    pub response_1_s: f64,
+}
+
+/// Part of the metric's trace that is added to it, so that directions without a policy do not
+/// matter.
+const METRIC_DAMPING: f64 = 1e-9;
+
+impl SpeedGovernor {
+    /// The policy on \[linear; angular\], within the speeds.
+    ///
+    /// * `velocity`  ẋ, \[linear; angular\]
+    ///
+    /// Hot path: no allocation. A policy whose metric is not positive semi-definite is returned as
+    /// it is.
+    #[must_use]
+    pub fn govern(&self, policy: &Natural<6>, velocity: &Vector6<f64>) -> Natural<6> {
+        let (linear, angular): (Vector3<f64>, Vector3<f64>) =
+            (policy.force.fixed_rows::<3>(0).into(), policy.force.fixed_rows::<3>(3).into());
+        let share = |most: f64, rows: usize, force: &Vector3<f64>| {
+            let block: Matrix3<f64> = policy.metric.fixed_view::<3, 3>(rows, rows).into();
+            let damped = block + Matrix3::identity() * (METRIC_DAMPING * block.trace() + 1e-12);
+            let Some(factor) = Cholesky::new(damped) else { return 1.0 };
+            let v: Vector3<f64> = velocity.fixed_rows::<3>(rows).into();
+            let wanted = (v + factor.solve(force) / self.response_1_s).norm();
+            if wanted > most { most / wanted } else { 1.0 }
+        };
+        let s =
+            share(self.linear_max_m_s, 0, &linear).min(share(self.angular_max_rad_s, 3, &angular));
+        if s >= 1.0 {
+            return *policy;
+        }
+        let momentum = policy.metric * velocity;
+        Natural {
+            force: policy.force * s - momentum * ((1.0 - s) * self.response_1_s),
+            metric: policy.metric,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Matrix6;
+
+    const GOVERNOR: SpeedGovernor =
+        SpeedGovernor { linear_max_m_s: 2.0, angular_max_rad_s: 4.0, response_1_s: 8.0 };
+
+    fn policy(linear: f64, angular: f64) -> Natural<6> {
+        let metric = Matrix6::from_diagonal(&Vector6::new(2.0, 1.0, 3.0, 0.5, 0.5, 0.1));
+        Natural { force: metric * Vector6::new(linear, 0.0, 0.0, 0.0, angular, 0.0), metric }
+    }
+
+    #[test]
+    fn a_slow_policy_is_left_alone_and_a_fast_one_tends_to_the_speed() {
+        let velocity = Vector6::new(0.5, 0.0, 0.0, 0.0, 1.0, 0.0);
+        let slow = policy(8.0 * 1.4, 0.0);
+        assert_eq!(GOVERNOR.govern(&slow, &velocity), slow);
+        // u = 0.5 + 100/8 = 13 m/s.
+        let fast = GOVERNOR.govern(&policy(100.0, 0.0), &velocity).resolve().unwrap();
+        assert!((velocity[0] + fast[0] / 8.0 - 2.0).abs() < 1e-6, "{fast}");
+        // The turning is slowed with it, so that the way stays the same.
+        assert!((velocity[4] + fast[4] / 8.0 - 2.0 / 13.0).abs() < 1e-6, "{fast}");
+        let turning = GOVERNOR.govern(&policy(0.0, 100.0), &velocity).resolve().unwrap();
+        assert!((velocity[4] + turning[4] / 8.0 - 4.0).abs() < 1e-6, "{turning}");
+    }
+
+    #[test]
+    fn a_plane_s_policy_without_inertia_elsewhere_is_governed_too() {
+        let mut plane = policy(100.0, 0.0);
+        for i in 2..6 {
+            plane.metric[(i, i)] = 0.0;
+        }
+        let governed = GOVERNOR.govern(&plane, &Vector6::zeros());
+        assert!((governed.force[0] / governed.metric[(0, 0)] - 16.0).abs() < 1e-6);
+        assert!(governed.force.iter().all(|f| f.is_finite()));
+    }
+}

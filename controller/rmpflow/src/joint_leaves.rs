@@ -1,0 +1,135 @@
+//! Leaves on the joints: position limits, speed limits, posture.
+
+use nalgebra::{SMatrix, SVector};
+
+use crate::leaves::CollisionAvoidance;
+use crate::natural::Natural;
+
+/// Keeps joints inside their position limits: the distance from a limit is a clearance, kept by the
+/// leaf of [`CollisionAvoidance`] with joint units in place of metres.
+///
+/// The inertia grows only while a joint approaches its limit, so that it is free to leave it
+/// [Cheng et al. 2019, RMPflow, appendix on joint limits, in the form of eq. 68].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointLimits<const N: usize> {
+    /// Lower limits \[rad or m\]; −∞ without.
+    pub lower: SVector<f64, N>,
+    /// Upper limits \[rad or m\]; +∞ without.
+    pub upper: SVector<f64, N>,
+    /// How the distance is kept.
+    pub leaf: CollisionAvoidance,
+}
+
+impl<const N: usize> JointLimits<N> {
+    /// Adds the leaf at joint position q and velocity q̇.
+    pub fn add(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>, root: &mut Natural<N>) {
+        for i in 0..N {
+            for (distance, side) in [(q[i] - self.lower[i], 1.0), (self.upper[i] - q[i], -1.0)] {
+                if let Some(leaf) = self.leaf.evaluate(distance, side * qd[i]) {
+                    root.force[i] += side * leaf.force[0];
+                    root.metric[(i, i)] += leaf.metric[(0, 0)];
+                }
+            }
+        }
+    }
+
+    /// ½ G ḋ² + Φ of all limits.
+    #[must_use]
+    pub fn energy(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> f64 {
+        (0..N)
+            .map(|i| {
+                self.leaf.energy(q[i] - self.lower[i], qd[i])
+                    + self.leaf.energy(self.upper[i] - q[i], -qd[i])
+            })
+            .sum()
+    }
+}
+
+/// Keeps joints slower than their limits: an inertia that grows without bound towards the limit, and
+/// damping.
+///
+/// ```text
+/// z = (|q̇|/v − r)/(1 − r) above 0,   G(q̇) = m z²/(1 − z),   M = G + ½ q̇ ∂G/∂q̇,   f = −η G q̇
+/// ```
+///
+/// a geometric dynamical system whose metric depends on the velocity alone: ξ = 0, and ½ G q̇² falls
+/// by the damping [Cheng et al. 2019, RMPflow, eq. 20 and 21]. The limit itself has z = 1; z is held
+/// below that, so that a joint that is too fast is braked.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointSpeedLimits<const N: usize> {
+    /// v: largest speeds \[rad/s or m/s\].
+    pub speed_max: SVector<f64, N>,
+    /// r: share of the largest speed from which on the leaf acts.
+    pub free_share: f64,
+    /// m \[kg m² or kg\].
+    pub inertia: f64,
+    /// η \[1/s\].
+    pub damping_1_s: f64,
+}
+
+/// Largest z.
+const EXCESS_MAX: f64 = 0.98;
+
+impl<const N: usize> JointSpeedLimits<N> {
+    /// G and ½ q̇ ∂G/∂q̇ of joint `i`.
+    fn metric(&self, i: usize, speed: f64) -> (f64, f64) {
+        let span = 1.0 - self.free_share;
+        let relative = (speed / self.speed_max[i]).abs();
+        let z = ((relative - self.free_share) / span).clamp(0.0, EXCESS_MAX);
+        let slope = if z < EXCESS_MAX { z * (2.0 - z) / ((1.0 - z) * (1.0 - z)) } else { 0.0 };
+        (self.inertia * z * z / (1.0 - z), 0.5 * self.inertia * slope * relative / span)
+    }
+
+    /// Adds the leaf at joint velocity q̇.
+    pub fn add(&self, qd: &SVector<f64, N>, root: &mut Natural<N>) {
+        for i in 0..N {
+            let (metric, growth) = self.metric(i, qd[i]);
+            root.metric[(i, i)] += metric + growth;
+            root.force[i] -= self.damping_1_s * metric * qd[i];
+        }
+    }
+
+    /// ½ Σ ∫ M q̇ dq̇-like energy of the leaf, ½ G q̇².
+    #[must_use]
+    pub fn energy(&self, qd: &SVector<f64, N>) -> f64 {
+        (0..N).map(|i| 0.5 * self.metric(i, qd[i]).0 * qd[i] * qd[i]).sum()
+    }
+}
+
+/// Draws the joints to a posture, where the task leaves them free.
+///
+/// M = m I, Φ = m k s Σ(√(e² + s²) − s), e = q − q₀, B = d M. The pull saturates at m k s.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Posture<const N: usize> {
+    /// q₀ \[rad or m\].
+    pub position: SVector<f64, N>,
+    /// m \[kg m² or kg\].
+    pub inertia: f64,
+    /// k \[1/s²\].
+    pub stiffness_1_s2: f64,
+    /// d \[1/s\].
+    pub damping_1_s: f64,
+    /// s \[rad or m\].
+    pub saturation: f64,
+}
+
+impl<const N: usize> Posture<N> {
+    /// The leaf at joint position q and velocity q̇.
+    #[must_use]
+    pub fn evaluate(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> Natural<N> {
+        let s = self.saturation;
+        let pull = (q - self.position).map(|e| self.stiffness_1_s2 * s * e / e.hypot(s));
+        Natural {
+            force: (pull + qd * self.damping_1_s) * -self.inertia,
+            metric: SMatrix::identity() * self.inertia,
+        }
+    }
+
+    /// Φ + ½ q̇ᵀMq̇.
+    #[must_use]
+    pub fn energy(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> f64 {
+        let s = self.saturation;
+        let potential: f64 = (q - self.position).iter().map(|e| e.hypot(s) - s).sum();
+        self.inertia * (self.stiffness_1_s2 * s * potential + 0.5 * qd.norm_squared())
+    }
+}

@@ -1,0 +1,80 @@
+//! Why a task makes no progress: the arm stands still short of its goal.
+
+use tprmp_messages::{LifeCycle, Reason};
+
+/// The arm stands still when no joint is faster than this [rad/s or m/s] …
+const SPEED_MAX: f64 = 0.01;
+/// … for so long [s].
+const DURATION_S: f64 = 1.0;
+/// An arm that stands still presses on an obstacle when at least this share of the velocity it
+/// wants leads into one …
+const PRESSING_MIN: f64 = 0.02;
+/// … or when it is as close as this to one, or to itself, beyond the margins [m].
+const CLEARANCE_MIN_M: f64 = 0.01;
+
+/// What the arm is near to.
+#[derive(Debug, Clone, Copy)]
+pub struct Surroundings {
+    /// Share of the wanted velocity that leads into an obstacle.
+    pub pressing: f64,
+    /// Least clearance from obstacles and from itself \[m\].
+    pub clearance_min_m: f64,
+}
+
+/// For how long the arm has stood still \[s\].
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Standstill {
+    still_s: f64,
+}
+
+impl Standstill {
+    /// Takes in a tick of `dt` \[s\] in which the fastest joint moved with `speed`
+    /// \[rad/s or m/s\].
+    ///
+    /// [`Reason::Blocked`] or [`Reason::Unreachable`] when a task that is under way does not get on,
+    /// else [`Reason::None`]. The policy is followed all the while: once the obstacle or the goal
+    /// moves, the arm does.
+    pub fn advance(
+        &mut self,
+        life_cycle: LifeCycle,
+        speed: f64,
+        surroundings: &Surroundings,
+        dt: f64,
+    ) -> Reason {
+        let under_way = matches!(life_cycle, LifeCycle::Running | LifeCycle::Lifting);
+        self.still_s = if under_way && speed < SPEED_MAX { self.still_s + dt } else { 0.0 };
+        let blocked =
+            surroundings.pressing > PRESSING_MIN || surroundings.clearance_min_m < CLEARANCE_MIN_M;
+        match self.still_s > DURATION_S {
+            true if blocked => Reason::Blocked,
+            true => Reason::Unreachable,
+            false => Reason::None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_arm_that_stands_still_short_of_its_goal_is_blocked_or_out_of_reach() {
+        let free = Surroundings { pressing: 0.0, clearance_min_m: f64::INFINITY };
+        let against = Surroundings { pressing: 0.5, ..free };
+        let close = Surroundings { clearance_min_m: 0.001, ..free };
+        let after = |life_cycle, speed, surroundings: &Surroundings| {
+            let mut standstill = Standstill::default();
+            (0..1500).map(|_| standstill.advance(life_cycle, speed, surroundings, 0.001)).last()
+        };
+        assert_eq!(after(LifeCycle::Running, 0.0, &free), Some(Reason::Unreachable));
+        assert_eq!(after(LifeCycle::Running, 0.0, &against), Some(Reason::Blocked));
+        assert_eq!(after(LifeCycle::Lifting, 0.0, &close), Some(Reason::Blocked));
+        assert_eq!(after(LifeCycle::Running, 0.1, &against), Some(Reason::None));
+        assert_eq!(after(LifeCycle::Done, 0.0, &free), Some(Reason::None));
+        let mut standstill = Standstill::default();
+        assert_eq!(standstill.advance(LifeCycle::Running, 0.0, &free, 0.9), Reason::None);
+        assert_eq!(standstill.advance(LifeCycle::Running, 0.2, &free, 0.9), Reason::None);
+        assert_eq!(standstill.advance(LifeCycle::Running, 0.0, &free, 0.9), Reason::None);
+        assert_eq!(standstill.advance(LifeCycle::Running, 0.0, &free, 0.9), Reason::Unreachable);
+    }
+}
