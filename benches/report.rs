@@ -11,11 +11,12 @@ use tprmp_bench::results::{self, Verdict};
 use tprmp_bench::statistics::Buckets;
 
 const STYLE: &str = "\
-body{font:15px/1.45 system-ui,sans-serif;color:#22303c;max-width:1240px;margin:24px auto;padding:0 20px}\
+body{font:15px/1.45 system-ui,sans-serif;color:#22303c;max-width:1400px;margin:24px auto;padding:0 20px}\
 h1{font-size:26px}h2{margin-top:40px;border-bottom:1px solid #dfe5ea}h3{margin:26px 0 8px}\
 table{border-collapse:collapse;font-size:13px;margin:10px 0}th,td{padding:3px 9px;text-align:right}\
 th{border-bottom:2px solid #9aa7b1;vertical-align:bottom}td{border-bottom:1px solid #eef1f4}\
-td:first-child,th:first-child,td.t{text-align:left}.holds{color:#00705a}.not{color:#b3261e;font-weight:600}\
+td:first-child,th:first-child,td.t,th.t{text-align:left}td:first-child{white-space:nowrap}\
+div.wide{overflow-x:auto}.holds{color:#00705a}.not{color:#b3261e;font-weight:600}\
 .open{color:#8a6100}.plots{display:flex;flex-wrap:wrap;gap:14px}p.note{color:#56636f;max-width:900px}";
 /// Groups with a section of their own.
 const OWN: [&str; 3] = ["latency", "deadlines", "evaluation"];
@@ -47,7 +48,7 @@ impl Page {
                 let _ = write!(html, "<td>{}</td>", escape(cell));
             }
         }
-        self.add(&(html + "</tr></table>"));
+        self.add(&format!("<div class=\"wide\">{html}</tr></table></div>"));
     }
 
     fn plots(&mut self, plots: &[String]) {
@@ -87,9 +88,12 @@ fn of_group<'a>(rows: &'a [Value], group: &str) -> Vec<&'a Value> {
 fn verdicts(page: &mut Page, rows: &[Value]) {
     page.add("<h2>What is promised, and what was found</h2>");
     let mut html = String::from(
-        "<table><tr><th>group</th><th>measurement</th><th>must</th><th>found</th><th></th></tr>",
+        "<table><tr><th>group</th><th class=\"t\">measurement</th><th class=\"t\">must</th>\
+         <th class=\"t\">found</th><th></th></tr>",
     );
-    for row in rows {
+    // Those over many rows first.
+    let (many, single): (Vec<_>, Vec<_>) = rows.iter().partition(|row| row["p50_us"].is_null());
+    for row in many.into_iter().chain(single) {
         let Ok(verdict) = serde_json::from_value::<Verdict>(row["verdict"].clone()) else {
             continue;
         };
@@ -200,7 +204,8 @@ fn latency(page: &mut Page, rows: &[Value]) {
     page.add("<h2>Between processes: state published → command received</h2>");
     page.note(
         "Times in µs. Blocks of all cases take turns. The ping-pong sends the same messages over the \
-         same services, without a controller; the ratio is to the one with one exchange a period.",
+         same services, without a controller; the ratio is to the one with one exchange a period. In \
+         lockstep the controller asks for no priority and no core of its own.",
     );
     let keys = [
         "name",
@@ -256,7 +261,8 @@ fn deadlines(page: &mut Page, rows: &[Value]) {
         "Times in µs. A deadline is missed when the command is not out within a period of the tick's \
          due time; cyclictest, on the same core in the same minutes, misses when it wakes up later \
          than that. Steal is what the hypervisor took from that core meanwhile. A slow tick spends \
-         more than 100 µs on evaluation and publishing; in brackets those without steal within 0.1 s.",
+         more than 100 µs on evaluation and publishing; in brackets those without steal within 0.1 s. \
+         A busy core is one with a process that computes and walks through memory.",
     );
     let mut kinds: Vec<(&str, &str)> = Vec::new();
     for row in &rows {

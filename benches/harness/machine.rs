@@ -19,6 +19,11 @@ const SAMPLE: Duration = Duration::from_millis(10);
 /// Stolen time shows up in /proc/stat some time after it was taken \[ns\].
 const ACCOUNTED_WITHIN_NS: u64 = 100_000_000;
 
+/// The kernel stops a thread of real-time priority that never sleeps: it looks and sleeps in turns
+/// \[ns\].
+const GAP_LOOK_NS: u64 = 500_000;
+const GAPS_MAX: usize = 100_000;
+
 /// The two cores that the parties are kept on.
 #[derive(Debug, Clone, Copy)]
 pub struct Cores {
@@ -164,6 +169,48 @@ impl StealLog {
         let after = after.or(self.0.last()).map(|(_, ms)| ms);
         before != after
     }
+}
+
+/// Time that was taken from a thread which only looks at the clock: by the hypervisor, interrupts or
+/// the scheduler.
+#[derive(Debug, Default)]
+pub struct Gaps {
+    /// How long it looked \[ns\].
+    pub looked_ns: u64,
+    /// When a gap ended, on `CLOCK_MONOTONIC` \[ns\].
+    pub ends_ns: Vec<u64>,
+}
+
+/// Looks for gaps in the time that a thread gets on a core, half of the time and for so long.
+///
+/// # Errors
+/// When the thread fails.
+pub fn gaps(
+    cpu: usize,
+    fifo_priority: Option<u8>,
+    lasting: Duration,
+    least_ns: u64,
+) -> Fallible<Gaps> {
+    let look = move || {
+        let _granted = enter(cpu, fifo_priority);
+        let mut gaps = Gaps { looked_ns: 0, ends_ns: Vec::with_capacity(GAPS_MAX) };
+        let end_ns = monotonic_ns() + lasting.as_nanos() as u64;
+        while monotonic_ns() < end_ns {
+            let from_ns = monotonic_ns();
+            let mut before_ns = from_ns;
+            while before_ns < from_ns + GAP_LOOK_NS {
+                let now_ns = monotonic_ns();
+                if now_ns - before_ns >= least_ns && gaps.ends_ns.len() < GAPS_MAX {
+                    gaps.ends_ns.push(now_ns);
+                }
+                before_ns = now_ns;
+            }
+            gaps.looked_ns += before_ns - from_ns;
+            realtime::sleep_until(before_ns + GAP_LOOK_NS);
+        }
+        gaps
+    };
+    thread::spawn(look).join().map_err(|_| "looking for gaps failed".into())
 }
 
 /// The eighth number of a core's line in /proc/stat [`proc_stat(5)`].
