@@ -20,14 +20,13 @@ use tprmp_bench::robot::Skill;
 use tprmp_bench::role::{Helper, Role};
 use tprmp_bench::statistics::{Buckets, Misses, compare_misses, rounded};
 use tprmp_bench::{FIFO_PRIORITY, Fallible};
+use tprmp_messages::Instance;
 
 const RATES_HZ: [u64; 6] = [250, 500, 1000, 2000, 4000, 10_000];
 /// The rate at which misses are judged \[Hz\].
 const JUDGED_HZ: u64 = 1000;
 /// Longest spin \[ns\]; never more than half a period.
 const SPIN_NS: u64 = 80_000;
-/// A controller needs so long to start and connect \[s\].
-const START_S: f64 = 0.4;
 /// Evaluation and publishing of a tick take at most so long \[µs\].
 const COMPUTE_MAX_US: f64 = 100.0;
 /// The controller's misses are at most so many times cyclictest's.
@@ -345,8 +344,11 @@ fn measure(case: Case, cores: Cores, full: bool, compared: bool) -> Fallible<Fou
             fifo_priority,
             cpu,
         };
-        let controller = Controller::start(&settings, &instance)?;
-        std::thread::sleep(Duration::from_secs_f64(START_S + block_s));
+        let status = Instance::new(&instance)?.open_status()?;
+        let mut controller = Controller::start(&settings, &instance)?;
+        let cycles = (block_s * case.rate_hz as f64).ceil() as u64;
+        // Periods that are missed are not caught up with: that takes longer.
+        controller.wait_for_ticks(&status, cycles, Duration::from_secs_f64(2.0 * block_s))?;
         let summary = controller.stop()?;
         found.add(&summary, &steal.stop()).ok_or("a summary of the controller lacks a number")?;
         let steal = StealWatch::start(cpu);
@@ -358,7 +360,6 @@ fn measure(case: Case, cores: Cores, full: bool, compared: bool) -> Fallible<Fou
         found.looked_ns += gaps.looked_ns;
         if compared {
             let steal = StealWatch::start(cpu);
-            let cycles = (block_s * case.rate_hz as f64).ceil() as u64;
             let period_us = period_ns / 1000;
             let lateness =
                 cyclictest::run(&cyclictest::Settings { cpu, period_us, cycles, fifo_priority })?;

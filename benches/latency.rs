@@ -32,7 +32,7 @@ const LOST_NS: u64 = 20_000_000;
 const FIRST_ANSWER_NS: u64 = 20_000_000_000;
 /// Phases of a tick in the controller's summary, and the whole of it.
 const PHASES: [&str; 4] = ["receiving", "evaluation", "publishing", "tick"];
-/// What the loop may add to a ping-pong and an evaluation \[µs\].
+/// What the loop may add to a ping-pong and a tick \[µs\].
 const MARGIN_US: f64 = 2.0;
 
 /// A controller in lockstep asks for no priority and no core: its clock is that of the states.
@@ -214,12 +214,15 @@ fn verdict(case: &Case, ping_pong_us: f64) -> Option<Verdict> {
     if !spins(trigger, spin_ns) {
         return None;
     }
-    let evaluation_us = median(&case.medians_us[1]);
-    let (found, limit) = (case.quantile_us(0.5), ping_pong_us + evaluation_us + MARGIN_US);
+    let [_, evaluation_us, _, tick_us] = case.medians_us.each_ref().map(|m| median(m));
+    let (found, limit) = (case.quantile_us(0.5), ping_pong_us + tick_us + MARGIN_US);
     Some(Verdict {
-        must: "p50 ≤ ping-pong + evaluation + 2 µs".into(),
+        must: "p50 ≤ ping-pong + one tick + 2 µs".into(),
         found: format!(
-            "{found:.1} µs, limit {ping_pong_us:.1} + {evaluation_us:.1} + {MARGIN_US:.0} = {limit:.1} µs"
+            "{found:.1} µs, limit {ping_pong_us:.1} + {tick_us:.1} + {MARGIN_US:.0} = {limit:.1} µs; \
+             receiving and publishing are part of the tick: beyond ping-pong and evaluation it takes \
+             {:.1} µs",
+            found - ping_pong_us - evaluation_us
         ),
         holds: Some(found <= limit),
     })

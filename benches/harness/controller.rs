@@ -8,12 +8,15 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use tprmp_messages::StatusPort;
 
 use crate::robot::Skill;
 use crate::{Fallible, results};
 
-/// A controller that was asked to leave may take so long.
+/// A controller may take so long to start, and to leave when it is asked to.
 const PATIENCE: Duration = Duration::from_secs(20);
+/// Pause between two looks at how far it is.
+const LOOK: Duration = Duration::from_millis(50);
 
 /// What wakes the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,6 +65,10 @@ fn missing(path: &Path) -> Box<dyn std::error::Error> {
     format!("`{}` is missing: `make bench` makes it", path.display()).into()
 }
 
+fn said(log: &Path) -> String {
+    fs::read_to_string(log).unwrap_or_default()
+}
+
 impl Controller {
     /// Starts it on an instance.
     ///
@@ -105,12 +112,42 @@ impl Controller {
         Ok(Self { child, summary, log })
     }
 
+    /// Waits until it has run for so many ticks, or for so long since its first one.
+    ///
+    /// # Errors
+    /// When no tick comes, or it leaves: with what it said.
+    pub fn wait_for_ticks(
+        &mut self,
+        status: &StatusPort,
+        ticks: u64,
+        longest: Duration,
+    ) -> Fallible<()> {
+        let started = Instant::now();
+        let mut first = None;
+        loop {
+            let newest = core::iter::from_fn(|| status.status.receive()).last();
+            let ran = newest.map_or(0, |status| status.ticks);
+            if ran > 0 {
+                first.get_or_insert_with(Instant::now);
+            }
+            if ran >= ticks || first.is_some_and(|first| first.elapsed() > longest) {
+                return Ok(());
+            }
+            if first.is_none() && started.elapsed() > PATIENCE {
+                return Err(format!("the controller does not start:\n{}", said(&self.log)).into());
+            }
+            if let Some(exit) = self.child.try_wait()? {
+                return Err(format!("the controller left ({exit}):\n{}", said(&self.log)).into());
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
     /// Asks it to leave; gives what it measured about itself.
     ///
     /// # Errors
     /// When it had left before, does not leave, or left no summary: with what it said.
     pub fn stop(mut self) -> Fallible<Value> {
-        let said = |log: &Path| fs::read_to_string(log).unwrap_or_default();
         if let Some(status) = self.child.try_wait()? {
             return Err(format!("the controller left ({status}):\n{}", said(&self.log)).into());
         }
