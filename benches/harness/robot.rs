@@ -88,6 +88,7 @@ impl Skill {
             position,
             quaternion: NO_ROTATION,
             linear_velocity,
+            angular_velocity: [0.0; 3],
             size: [radius, 0.0, 0.0],
         };
         let still = |position: [f64; 3]| (position, [0.0; 3]);
