@@ -477,11 +477,12 @@ fn main() -> Fallible<()> {
         println!("deadlines: the rows of SCHED_FIFO are skipped: it was refused ({refused})");
         arguments.schedulers.retain(|s| *s != Scheduler::Fifo);
     }
-    let compared = cyclictest::installed();
-    if !compared {
+    let refused = cyclictest::refused(cores.controller);
+    let compared = refused.is_none();
+    if let Some(refused) = refused {
         println!(
-            "deadlines: without cyclictest, which is not installed (Debian and Ubuntu: package \
-             rt-tests): misses cannot be told from what the machine does"
+            "deadlines: without cyclictest, which cannot be run ({refused}): misses cannot be told \
+             from what the machine does"
         );
     }
     let mut cases = Vec::new();

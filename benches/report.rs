@@ -165,7 +165,7 @@ fn evaluation(page: &mut Page, rows: &[Value]) {
         let mut points: Vec<(f64, f64)> = grows
             .iter()
             .filter(|row| row["series"] == name)
-            .filter_map(|row| Some((row["x"].as_f64()?, row["p50_us"].as_f64()?)))
+            .filter_map(|row| Some((row["x"].as_f64()?, row["best_us"].as_f64()?)))
             .collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         plots.push(line(&format!("growth with {name}"), name, "µs", &points));
@@ -175,7 +175,7 @@ fn evaluation(page: &mut Page, rows: &[Value]) {
     if !plots.is_empty() {
         page.add("<h3>How it grows</h3>");
         page.plots(&plots);
-        page.table(&["varied", "number: median in µs"], &table);
+        page.table(&["varied", "number: best of batches in µs"], &table);
     }
 }
 

@@ -35,11 +35,39 @@ pub struct Lateness {
     pub max_us: f64,
 }
 
-/// Whether it is installed.
+/// Why it cannot be run here; `None` when it can.
 #[must_use]
-pub fn installed() -> bool {
-    let mut help = Command::new("cyclictest");
-    help.arg("--help").stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok()
+pub fn refused(cpu: usize) -> Option<String> {
+    let settings = Settings { cpu, period_us: 1000, cycles: 1, fifo_priority: None };
+    // It asks for real-time rights before it looks at its options.
+    let mut attempt = command(&settings);
+    match attempt.stdin(Stdio::null()).output() {
+        Ok(output) if output.status.success() => None,
+        Ok(output) => Some(format!("it ends with: {}", first_line(&output.stderr))),
+        Err(error) => Some(format!("{error}; Debian and Ubuntu have it in the package rt-tests")),
+    }
+}
+
+fn first_line(said: &[u8]) -> String {
+    String::from_utf8_lossy(said).trim().lines().next().unwrap_or_default().into()
+}
+
+fn command(settings: &Settings) -> Command {
+    let mut command = Command::new("cyclictest");
+    command
+        .args(["--quiet", "--threads=1", "--histfile=/dev/null"])
+        .arg(format!("--affinity={}", settings.cpu))
+        .arg(format!("--interval={}", settings.period_us))
+        .arg(format!("--loops={}", settings.cycles))
+        .arg(format!("--histogram={LATEST_US}"));
+    match settings.fifo_priority {
+        Some(priority) => {
+            command.arg("--mlockall").arg("--policy=fifo").arg(format!("--priority={priority}"))
+        }
+        // As the controller without a priority: it does not tune the system.
+        None => command.args(["--policy=other", "--default-system"]),
+    };
+    command
 }
 
 /// Runs it.
@@ -48,25 +76,12 @@ pub fn installed() -> bool {
 /// When it fails, with what it said, or writes something else than expected.
 pub fn run(settings: &Settings) -> Fallible<Lateness> {
     let report = results::folder().join("cyclictest.json");
-    let mut command = Command::new("cyclictest");
-    command
-        .args(["--quiet", "--threads=1", "--histfile=/dev/null"])
-        .arg(format!("--affinity={}", settings.cpu))
-        .arg(format!("--interval={}", settings.period_us))
-        .arg(format!("--loops={}", settings.cycles))
-        .arg(format!("--histogram={LATEST_US}"))
-        .arg(format!("--json={}", report.display()));
-    match settings.fifo_priority {
-        Some(priority) => {
-            command.arg("--mlockall").arg("--policy=fifo").arg(format!("--priority={priority}"))
-        }
-        // As the controller without a priority: it does not tune the system.
-        None => command.args(["--policy=other", "--default-system"]),
-    };
+    let mut command = command(settings);
+    command.arg(format!("--json={}", report.display()));
     let output = command.stdin(Stdio::null()).output()?;
     if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        return Err(format!("cyclictest failed ({}): {}", output.status, said.trim()).into());
+        let said = first_line(&output.stderr);
+        return Err(format!("cyclictest failed ({}): {said}", output.status).into());
     }
     let json = serde_json::from_str(&fs::read_to_string(&report)?)?;
     parse(&json, settings.period_us)
