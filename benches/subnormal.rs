@@ -9,7 +9,7 @@ use std::time::Instant;
 use glam::DVec3;
 use nalgebra::SVector;
 use tprmp_bench::results::{self, Verdict};
-use tprmp_controller::policy::{Policy, Task, TaskParameters, Workspace};
+use tprmp_controller::policy::{Policy, Task, TaskParameters};
 use tprmp_controller::startup;
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
 
@@ -54,11 +54,12 @@ fn measure<const N: usize>(
     cases: &[Case<N>],
 ) -> Vec<f64> {
     let mut best = vec![f64::INFINITY; cases.len()];
-    let mut workspace = Workspace::new();
+    let mut workspace = policy.workspace();
     for _ in 0..BATCHES {
         for (best, case) in best.iter_mut().zip(cases) {
             let frames = frames(positions, case.speed);
-            let parameters = TaskParameters { frames: &frames, goal_frame: 1, obstacles: &[] };
+            let parameters =
+                TaskParameters { frames: &frames, goal_frame: 1, obstacles: &[], dt_s: 1e-3 };
             let qd = SVector::repeat(case.speed);
             let since = Instant::now();
             for _ in 0..BATCH {
