@@ -15,6 +15,7 @@ pub mod results;
 pub mod robot;
 pub mod role;
 pub mod statistics;
+pub mod timing;
 
 /// A benchmark that cannot go on says why.
 pub type Fallible<T> = Result<T, Box<dyn Error>>;
