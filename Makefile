@@ -91,6 +91,7 @@ bench: build
 	    $(BIN)/learner train config/skills/$${skill%:*}.ron --components $${skill#*:} --allow-uncertified \
 	        --out target/bench/$${skill%:*}.model.ron > /dev/null || exit 1; done
 	$(CARGO) bench --locked --bench evaluation
+	$(CARGO) bench --locked --bench subnormal
 	$(CARGO) bench --locked --bench training
 
 soak: seed build

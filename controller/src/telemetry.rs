@@ -103,6 +103,8 @@ pub struct Connections {
     pub count: u64,
     /// Heap allocations in it.
     pub allocations: u64,
+    /// Time it took, all together \[ns\].
+    pub total_ns: u64,
     /// The longest time it took \[ns\].
     pub longest_ns: u64,
 }
@@ -177,6 +179,7 @@ impl Telemetry {
     pub fn connected(&mut self, allocations: u64, duration_ns: u64) {
         self.connections.count += 1;
         self.connections.allocations += allocations;
+        self.connections.total_ns += duration_ns;
         self.connections.longest_ns = self.connections.longest_ns.max(duration_ns);
     }
 
@@ -198,6 +201,7 @@ impl Telemetry {
             "connections": {
                 "count": self.connections.count,
                 "allocations": self.connections.allocations,
+                "total_us": microseconds(self.connections.total_ns),
                 "longest_us": microseconds(self.connections.longest_ns),
             },
             "page_faults": ending.page_faults.map(|faults| json!({
@@ -296,7 +300,8 @@ mod tests {
         assert_eq!(summary["deadline_misses"], 10);
         assert_eq!(summary["skipped_periods"], 3);
         assert_eq!(summary["allocations"], 3);
-        let connections = json!({"count": 2, "allocations": 57, "longest_us": 45.0});
+        let connections =
+            json!({"count": 2, "allocations": 57, "total_us": 60.0, "longest_us": 45.0});
         assert_eq!(summary["connections"], connections);
         assert_eq!(summary["page_faults"], json!({"minor": 2, "major": 1}));
         assert_eq!(summary["ticks_by_reason"]["StateStale"], 100);
