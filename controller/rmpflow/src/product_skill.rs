@@ -230,6 +230,18 @@ impl<const D: usize> ProductSkill<D> {
         &self.components
     }
 
+    /// γ \[s²\].
+    #[must_use]
+    pub fn metric_scale(&self) -> f64 {
+        self.metric_scale
+    }
+
+    /// δ.
+    #[must_use]
+    pub fn huber_threshold(&self) -> f64 {
+        self.huber_threshold
+    }
+
     /// How many frames it is seen from.
     #[must_use]
     pub fn frame_count(&self) -> usize {
