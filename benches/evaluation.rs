@@ -137,11 +137,7 @@ fn obstacles(count: usize) -> Vec<Obstacle> {
         let radius = 0.35 + 0.04 * (i % 6) as f64;
         DVec3::new(radius * angle.cos(), radius * angle.sin(), 0.15 + 0.06 * (i % 8) as f64)
     };
-    (0..count).map(|i| sphere(place(i), 0.06, DVec3::Y * 0.1)).collect()
-}
-
-fn sphere(center: DVec3, radius: f64, velocity: DVec3) -> Obstacle {
-    Obstacle::sphere(center, radius, velocity)
+    (0..count).map(|i| Obstacle::sphere(place(i), 0.06, DVec3::Y * 0.1)).collect()
 }
 
 /// A tick of the policy; in every second one the frames are those of the second kind.
@@ -157,8 +153,8 @@ fn tick<'a, const N: usize>(
     move || {
         turn = 1 - turn;
         let frames = &frames[turn];
-        let parameters =
-            TaskParameters { frames, goal_frame: frames.len() - 1, obstacles, dt_s: 1e-3 };
+        let goal_frame = frames.len() - 1;
+        let parameters = TaskParameters { frames, goal_frame, obstacles, dt_s: 1e-3 };
         let decision = policy
             .evaluate(black_box(&q), black_box(&qd), &Task::Skill, &parameters, &mut workspace)
             .expect("the policy resolves");

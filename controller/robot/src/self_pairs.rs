@@ -7,7 +7,7 @@ use crate::control_points::ControlPoints;
 use crate::kinematics::{Kinematics, forward_kinematics, point_position};
 
 /// Postures that are tried.
-const POSTURE_COUNT: usize = 2000;
+const POSTURE_COUNT: usize = 500;
 /// Pairs of links that touch in at least this share of them cannot help it.
 const TOUCHING_SHARE: f64 = 0.9;
 
