@@ -12,7 +12,7 @@ const WIDTH: f64 = 460.0;
 const HEIGHT: f64 = 250.0;
 /// Room around the axes \[px\].
 const LEFT: f64 = 58.0;
-const RIGHT: f64 = 14.0;
+const RIGHT: f64 = 26.0;
 const TOP: f64 = 30.0;
 const BOTTOM: f64 = 44.0;
 /// Bars an octave of a histogram.
