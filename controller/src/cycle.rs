@@ -387,6 +387,9 @@ impl<const N: usize> Cycle<N> {
             goal_frame: self.scene.goal_frame(),
             obstacles: self.scene.obstacles(),
         };
+        if self.holding {
+            self.workspace.restart();
+        }
         let decision = self
             .policy
             .evaluate(
@@ -412,6 +415,7 @@ impl<const N: usize> Cycle<N> {
         let acceleration =
             self.limits.acceleration(&wanted, &reference.position, &reference.velocity, dt);
         reference.integrate(&acceleration, dt);
+        self.workspace.advance(&acceleration, dt);
         self.prepare(state, &reference, &acceleration)?;
         let impedance = &self.config.impedance;
         reference.follow(state, &self.limits, impedance.reference_time_constant_s, dt);

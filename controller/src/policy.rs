@@ -9,7 +9,7 @@ use tprmp_rmpflow::leaves::{
 };
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::policy::{Policy as SkillPolicy, PolicyState};
-use tprmp_rmpflow::skill::SkillInertia;
+use tprmp_rmpflow::skill::{SkillInertia, SkillValue};
 use tprmp_robot::{
     Chain, ControlPoint, ControlPoints, Kinematics, forward_kinematics_with_velocity,
     point_kinematics,
@@ -48,6 +48,8 @@ pub struct Workspace<const N: usize> {
     /// Kinematics of the last evaluation.
     pub kinematics: Kinematics<N>,
     skill: PolicyState,
+    /// Of the last evaluation of the skill.
+    value: Option<SkillValue>,
 }
 
 /// What the tool should do.
@@ -87,7 +89,24 @@ impl<const N: usize> Workspace<N> {
     /// A fresh workspace.
     #[must_use]
     pub fn new() -> Self {
-        Self { kinematics: Kinematics::new(), skill: PolicyState::default() }
+        Self { kinematics: Kinematics::new(), skill: PolicyState::default(), value: None }
+    }
+
+    /// Forgets how far the skill is on its way: it goes on from where the tool is.
+    pub fn restart(&mut self) {
+        self.skill.restart();
+        self.value = None;
+    }
+
+    /// Lets the skill that was evaluated last go on for `dt_s` with the joint accelerations that the arm
+    /// gets \[rad/s² or m/s²\], limits included. Where the tool only reaches for a pose nothing goes on.
+    pub fn advance(&mut self, acceleration: &SVector<f64, N>, dt_s: f64) {
+        if let Some(value) = self.value.take() {
+            let tool = self.kinematics.tool_jacobian * acceleration + self.kinematics.tool_jd_qd;
+            let linear = DVec3::new(tool[0], tool[1], tool[2]);
+            let angular = DVec3::new(tool[3], tool[4], tool[5]);
+            self.skill.advance(&value, linear, angular, dt_s);
+        }
     }
 }
 
@@ -176,6 +195,7 @@ impl<const N: usize> Policy<N> {
         let frames = parameters.frames;
         let value = self.skill.evaluate(&self.inertia, frames, &tool, linear, angular, state);
         let goal = self.skill.goal(frames, state);
+        workspace.value = matches!(task, Task::Skill).then_some(value);
         let mut root: Natural<N> = self.joint_damping.evaluate(qd);
         let leaf = match (task, &self.lift) {
             (Task::Reach(goal), Some(lift)) => lift.evaluate(&tool, linear, angular, goal),
