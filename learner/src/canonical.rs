@@ -12,8 +12,8 @@
 
 use glam::{DQuat, DVec3};
 use tprmp_rmpflow::frame_map::{
-    Anchor, Canonical, Displacement, FrameMap, FrameMapError, FrameMotion, PHASE_DISTANCE_MIN, Pose,
-    ramp,
+    Anchor, Canonical, Displacement, FrameMap, FrameMapError, FrameMotion, PHASE_DISTANCE_MIN,
+    Pose, ramp,
 };
 
 use crate::demonstration::{Demonstration, POINTS_MIN};
@@ -261,8 +261,7 @@ fn moving_parts(
         let moves = |speed: &f64| *speed >= least;
         let first = speeds.iter().position(moves).unwrap_or(0);
         let last = speeds.iter().rposition(moves).unwrap_or(speeds.len() - 1);
-        let range =
-            if last - first + 1 >= POINTS_MIN { first..last + 1 } else { 0..speeds.len() };
+        let range = if last - first + 1 >= POINTS_MIN { first..last + 1 } else { 0..speeds.len() };
         let progress = progress(&speeds[range.clone()]);
         Ok((range, progress))
     };

@@ -193,7 +193,8 @@ impl<'a> Examiner<'a> {
     fn displaced(&self, frame: &Pose, random: &mut impl Rng) -> Pose {
         let settings = self.settings();
         let points = self.set.map.anchors().iter().map(|anchor| anchor.point);
-        let way = points.map(|point| (point - self.set.start.position).length()).fold(0.0, f64::max);
+        let way =
+            points.map(|point| (point - self.set.start.position).length()).fold(0.0, f64::max);
         let position =
             frame.position + self.in_ball(settings.frame_displacement_share * way, random);
         let turn = if self.skill.manifold == Manifold::R2 {

@@ -419,7 +419,8 @@ impl<const N: usize> Program<N> {
             .stiffness
             .iter()
             .map(|parts| {
-                let sum = |sum: DMatrix<f64>, (j, matrix): &(usize, DMatrix<f64>)| sum + matrix * p[*j];
+                let sum =
+                    |sum: DMatrix<f64>, (j, matrix): &(usize, DMatrix<f64>)| sum + matrix * p[*j];
                 let zero = DMatrix::zeros(N - 1, N - 1);
                 parts.iter().fold(zero, sum).symmetric_eigenvalues().min()
             })

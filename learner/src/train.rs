@@ -8,8 +8,8 @@ use nalgebra::{SMatrix, SVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model::{
-    Canonical, Certificate, DemonstrationRollout, FieldModel, Fit, FrameMixture, Policy, ProgramFit,
-    Provenance, SkillModel, Source, Waypoint,
+    Canonical, Certificate, DemonstrationRollout, FieldModel, Fit, FrameMixture, Policy,
+    ProgramFit, Provenance, SkillModel, Source, Waypoint,
 };
 use tprmp_rmpflow::frame_map::Anchor;
 
@@ -132,11 +132,12 @@ pub fn learn(
     let demonstrations = &with_start(skill, demonstrations);
     let names: Vec<&str> = demonstrations.iter().map(|d| d.name.as_str()).collect();
     let fitted = Fitted::new(skill, demonstrations, seed, &mut |done| clock.step(done));
-    let Fitted { set, mixture, frames: mixtures, policy, programs } = blaming(fitted, &names, |left_out| {
-        let mut others = demonstrations.clone();
-        others.remove(left_out);
-        Fitted::new(skill, &others, seed, &mut |_| {}).is_ok()
-    })?;
+    let Fitted { set, mixture, frames: mixtures, policy, programs } =
+        blaming(fitted, &names, |left_out| {
+            let mut others = demonstrations.clone();
+            others.remove(left_out);
+            Fitted::new(skill, &others, seed, &mut |_| {}).is_ok()
+        })?;
     let mut model = SkillModel {
         skill: skill.skill.clone(),
         manifold: skill.manifold,

@@ -21,10 +21,7 @@ const SAME: f64 = 0.02;
 /// `phase_length` is the last coordinate of the goal: what the phase one stands for. Where there is no
 /// valley the fall is minus infinity.
 #[must_use]
-pub fn descent<const N: usize>(
-    field: &Field<N>,
-    phase_length: f64,
-) -> (f64, Vec<SVector<f64, N>>) {
+pub fn descent<const N: usize>(field: &Field<N>, phase_length: f64) -> (f64, Vec<SVector<f64, N>>) {
     let [low, high] = PHASE_RANGE;
     let mut least = f64::INFINITY;
     let mut faults: Vec<SVector<f64, N>> = Vec::new();
@@ -63,8 +60,8 @@ mod tests {
             gradient: Vector3::zeros(),
             hessian: Matrix3::new(2.0, 0.0, -2.0, 0.0, 2.0, 0.0, -2.0, 0.0, 2.5),
         };
-        let components =
-            [0.0, 0.4, 0.8, 1.2, 1.6, 2.0].map(|s| component(s, if s == 1.2 { step } else { 2.0 - s }));
+        let components = [0.0, 0.4, 0.8, 1.2, 1.6, 2.0]
+            .map(|s| component(s, if s == 1.2 { step } else { 2.0 - s }));
         Field::new(&components, 0.24, 8.0).unwrap()
     }
 

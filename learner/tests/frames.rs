@@ -401,7 +401,8 @@ fn a_third_frame_is_learned_from_too() {
 fn ways_through_a_box(manifold: Manifold) -> Vec<Demonstration> {
     let mut shown = arcs(manifold);
     for (i, demonstration) in shown.iter_mut().enumerate() {
-        let aside = [DVec3::new(-0.1, 0.25, 0.1), DVec3::new(0.05, 0.1, 0.2), DVec3::new(0.0, 0.4, 0.15)];
+        let aside =
+            [DVec3::new(-0.1, 0.25, 0.1), DVec3::new(0.05, 0.1, 0.2), DVec3::new(0.0, 0.4, 0.15)];
         let middle = demonstration.start.position.lerp(demonstration.goal_frame.position, 0.5);
         let by = motion(manifold, middle + aside[i], DVec3::Z * (0.3 * i as f64));
         let bulge = by.position - middle;
@@ -436,10 +437,9 @@ fn a_frame_on_the_way_is_passed_wherever_it_is() {
             let goal = goal(&model, &frames);
             let course = Course { start, goal, step_s: 1e-2, steps: 1000, arrived: None };
             let mut nearest = f64::INFINITY;
-            let outcome =
-                follow(&mut policy.situation(&frames), skill.manifold, &course, |pose| {
-                    nearest = nearest.min((pose.position - frames[2].position).length());
-                });
+            let outcome = follow(&mut policy.situation(&frames), skill.manifold, &course, |pose| {
+                nearest = nearest.min((pose.position - frames[2].position).length());
+            });
             assert!(nearest < 0.03 && outcome.goal_error_m < 1e-4, "{nearest} {outcome:?}");
         }
     }

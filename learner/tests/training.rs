@@ -13,6 +13,7 @@ use tprmp_learner::report;
 use tprmp_learner::skill::Initialisation;
 use tprmp_learner::train::{Trained, learn, train};
 use tprmp_model::skill_model::{self, FieldModel, Manifold, Policy, to_text};
+use tprmp_rmpflow::frame_map::Pose;
 
 fn learned(template: &str, shown: &[Demonstration]) -> Result<Trained, LearnerError> {
     learn(&skill(template), shown, 1, &mut |_| {})
@@ -77,7 +78,10 @@ fn frames_of_a_planar_skill_may_point_anywhere() {
 fn a_skill_of_poses_is_learned() {
     let trained = learned("pick.ron", &arcs(Manifold::R3S3)).unwrap();
     check(&trained, 0.01, 0.01);
-    assert_eq!(orientation(&trained).unwrap().components.last().unwrap().mean, [0.0, 0.0, 0.0, 1.0]);
+    assert_eq!(
+        orientation(&trained).unwrap().components.last().unwrap().mean,
+        [0.0, 0.0, 0.0, 1.0]
+    );
     assert_eq!(trained.model.gaussians[0].mean.len(), 6);
 }
 
@@ -197,9 +201,12 @@ fn goals_on_the_other_side_of_the_start_are_learned_together() {
     let half = DQuat::from_rotation_z(std::f64::consts::PI);
     opposite[1].goal_frame.position = half * opposite[1].goal_frame.position;
     opposite[1].poses.iter_mut().for_each(|pose| pose.position = half * pose.position);
-    for frame in [&mut opposite[1].start, &mut opposite[1].goal_frame] {
-        frame.orientation = DQuat::from_rotation_z(3.0) * frame.orientation;
-    }
+    let turned = |frame: Pose| Pose {
+        orientation: DQuat::from_rotation_z(3.0) * frame.orientation,
+        ..frame
+    };
+    opposite[1].start = turned(opposite[1].start);
+    opposite[1].goal_frame = turned(opposite[1].goal_frame);
     let trained = learned("planar.ron", &opposite).unwrap();
     assert!(trained.model.certificate.holds(), "{:?}", trained.model.certificate.failures);
 
@@ -214,7 +221,7 @@ fn goals_on_the_other_side_of_the_start_are_learned_together() {
 /// A closed path, and one that crosses itself: no field of the place alone follows them.
 #[test]
 fn closed_and_crossing_paths_are_followed() {
-    let along = |point: fn(f64) -> DVec3| {
+    let along = |point: &dyn Fn(f64) -> DVec3| {
         let mut shown = arcs(Manifold::R2);
         for demonstration in &mut shown {
             let (start, last) = (demonstration.start.position, demonstration.poses.len() - 1);
@@ -229,7 +236,7 @@ fn closed_and_crossing_paths_are_followed() {
     let turn = std::f64::consts::TAU;
     let circle = |u: f64| DVec3::new((turn * u).sin(), 1.0 - (turn * u).cos(), 0.0) * 0.2;
     let eight = |u: f64| DVec3::new((turn * u).sin(), 0.5 * (2.0 * turn * u).sin(), 0.0) * 0.3;
-    for shown in [along(circle), along(eight)] {
+    for shown in [along(&circle), along(&eight)] {
         let trained = learned("planar.ron", &shown).unwrap();
         check(&trained, 0.015, 0.0_f64.next_up());
     }

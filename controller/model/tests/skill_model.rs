@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use tprmp_model::skill_model::{
-    ActiveConstraints, BlockCertificate, Canonical, Certificate, Component,
-    DemonstrationRollout, FieldModel, Fit, FrameGaussian, FrameMixture, Gaussian, Manifold,
-    ModelError, Policy, Pose, ProgramFit, Provenance, Rollouts, SkillModel, Source, ThesisModel,
-    ValleyCertificate, Waypoint, read, to_text, write,
+    ActiveConstraints, BlockCertificate, Canonical, Certificate, Component, DemonstrationRollout,
+    FieldModel, Fit, FrameGaussian, FrameMixture, Gaussian, Manifold, ModelError, Policy, Pose,
+    ProgramFit, Provenance, Rollouts, SkillModel, Source, ThesisModel, ValleyCertificate, Waypoint,
+    read, to_text, write,
 };
 
 /// A folder of this test alone, removed at its end.

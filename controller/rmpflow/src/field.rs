@@ -391,9 +391,8 @@ mod tests {
             for c in field.components() {
                 let (offset, s) = (z - c.mean, (z[3] - c.mean[3]) / 0.2);
                 let weight = (-0.5 * s * s).exp();
-                let local = c.potential
-                    + c.gradient.dot(&offset)
-                    + 0.5 * offset.dot(&(c.hessian * offset));
+                let local =
+                    c.potential + c.gradient.dot(&offset) + 0.5 * offset.dot(&(c.hessian * offset));
                 sum += weight;
                 potential += weight * local;
                 metric += c.metric * weight;
@@ -480,8 +479,7 @@ mod tests {
     #[test]
     fn energy_falls_along_the_policy() {
         let field = field();
-        let (mut z, mut v) =
-            (Vector4::new(-0.8, 1.0, 0.4, 0.1), Vector4::new(0.5, -0.5, 0.2, 0.3));
+        let (mut z, mut v) = (Vector4::new(-0.8, 1.0, 0.4, 0.1), Vector4::new(0.5, -0.5, 0.2, 0.3));
         let dt = 1e-3;
         let acceleration = |z: &Vector4<f64>, v: &Vector4<f64>| {
             let value = field.evaluate(z, v);

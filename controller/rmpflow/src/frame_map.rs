@@ -430,10 +430,7 @@ impl FrameMap {
             drift: Canonical { position: y.second(), rotation: r.second() },
             position_jacobian,
             rotation_jacobian,
-            phase_derivative: Canonical {
-                position: along,
-                rotation: -(rotation_jacobian * turn),
-            },
+            phase_derivative: Canonical { position: along, rotation: -(rotation_jacobian * turn) },
         }
     }
 }
@@ -505,11 +502,7 @@ mod tests {
                     + DVec3::new(0.15 * (speed * t).sin(), 0.1 * t * t, -0.2 * speed * t),
                 orientation: DQuat::from_rotation_z(spin) * DQuat::from_rotation_x(0.2 * speed),
             },
-            linear_velocity: DVec3::new(
-                0.15 * speed * (speed * t).cos(),
-                0.2 * t,
-                -0.2 * speed,
-            ),
+            linear_velocity: DVec3::new(0.15 * speed * (speed * t).cos(), 0.2 * t, -0.2 * speed),
             angular_velocity: DVec3::Z * (speed + 0.2 * t),
             linear_acceleration: DVec3::new(-0.15 * speed * speed * (speed * t).sin(), 0.2, 0.0),
             angular_acceleration: DVec3::Z * 0.2,

@@ -87,11 +87,10 @@ impl Phase {
     /// Goes on for `dt_s` with the acceleration that the tool gets \[m/s², rad/s²\], by the
     /// semi-implicit Euler rule. At the ends of [`PHASE_RANGE`] it comes to rest.
     pub fn advance(&mut self, response: &PhaseResponse, linear: DVec3, angular: DVec3, dt_s: f64) {
-        let tool =
-            Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z);
+        let tool = Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z);
         let acceleration = response.free - response.coupling.dot(&tool);
-        let rate = (self.rate_1_s + acceleration * dt_s)
-            .clamp(-PHASE_RATE_MAX_1_S, PHASE_RATE_MAX_1_S);
+        let rate =
+            (self.rate_1_s + acceleration * dt_s).clamp(-PHASE_RATE_MAX_1_S, PHASE_RATE_MAX_1_S);
         let share = self.share + rate * dt_s;
         if share.is_finite() {
             let [low, high] = PHASE_RANGE;
@@ -275,9 +274,8 @@ impl Skill {
         let least = distances.iter().copied().fold(f64::INFINITY, f64::min);
         let home = (least.sqrt() + self.home(inertia).sqrt()).powi(2);
         let at = |i: usize| distances.get(i).copied().unwrap_or(f64::INFINITY);
-        let is_home = |i: &usize| {
-            at(*i) <= home && at(*i) <= at(i + 1) && (*i == 0 || at(*i) <= at(i - 1))
-        };
+        let is_home =
+            |i: &usize| at(*i) <= home && at(*i) <= at(i + 1) && (*i == 0 || at(*i) <= at(i - 1));
         let best = (0..PHASES_COMPARED).find(is_home).unwrap_or(0);
         // Between its neighbours the distance is taken to fall and rise.
         let (mut low, mut high) = (
@@ -528,8 +526,7 @@ mod tests {
         let pose = on_the_way(0.5);
         let mut phase = skill.nearest_phase(&INERTIA, &d, &pose);
         for _ in 0..5000 {
-            let value =
-                skill.evaluate(&INERTIA, &d, &pose, DVec3::ZERO, DVec3::ZERO, &phase);
+            let value = skill.evaluate(&INERTIA, &d, &pose, DVec3::ZERO, DVec3::ZERO, &phase);
             phase.advance(&value.phase, DVec3::ZERO, DVec3::ZERO, 1e-3);
         }
         assert!((0.5..0.98).contains(&phase.share) && phase.rate_1_s.abs() < 1e-6, "{phase:?}");

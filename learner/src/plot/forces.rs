@@ -51,7 +51,8 @@ impl Forces {
         policy: &policy::Policy,
         frames: &[Pose],
     ) -> Option<Self> {
-        let (Policy::Thesis(thesis), policy::Policy::Plane(product)) = (&model.policy, policy) else {
+        let (Policy::Thesis(thesis), policy::Policy::Plane(product)) = (&model.policy, policy)
+        else {
             return None;
         };
         let frames: Vec<_> = frames.iter().copied().map(FrameMotion::at_rest).collect();
