@@ -2,8 +2,7 @@
 //!
 //! The canonical frames are the means of the demonstrations' frames; the goal is the mean final
 //! pose of the tool relative to the goal frame. Rest before and after the motion is cut; in between
-//! the phase of a demonstration is the time, as a share, at which the demonstrations on average have come
-//! as far along their way, at rest at either end. Each demonstration is
+//! the phase of a demonstration is its time as a share, at rest at either end. Each demonstration is
 //! pulled back through the map of its own frames ([`tprmp_rmpflow::frame_map`]), then smoothed.
 //!
 //! Further frames act where they matter: at the phase at which the demonstrations, seen from such a
@@ -26,10 +25,6 @@ use crate::tp_gmm::frames;
 /// Share of its duration within which a demonstration's phase comes up to speed, and to rest: a policy
 /// that starts from rest follows without a lag.
 const PHASE_RISE: f64 = 0.1;
-/// Share of the time in what counts as progress, so that a pause is progress too.
-const PAUSE_SHARE: f64 = 0.2;
-/// Shares of progress at which the times of the demonstrations are averaged.
-const PROGRESS_POINTS: usize = 201;
 /// Largest angle between a demonstrated orientation and the goal's [rad]: the chart ends at π.
 const ANGLE_MAX_RAD: f64 = 0.95 * std::f64::consts::PI;
 /// Positions follow the turn of the frames unless the demonstrations then lie so much farther apart
@@ -78,40 +73,12 @@ pub struct CanonicalDemonstration {
     pub rotation: Path,
 }
 
-/// How far along its way a motion has come at each sample, from 0 to 1, for its speeds: mostly the share
-/// of the length.
-fn progress(speeds: &[f64]) -> Vec<f64> {
-    let mut lengths = vec![0.0];
-    for pair in speeds.windows(2) {
-        lengths.push(lengths[lengths.len() - 1] + 0.5 * (pair[0] + pair[1]));
-    }
-    let (last, whole) = ((lengths.len() - 1) as f64, lengths[lengths.len() - 1]);
-    let share = |(i, length): (usize, &f64)| {
-        PAUSE_SHARE * i as f64 / last + (1.0 - PAUSE_SHARE) * length / whole
-    };
-    lengths.iter().enumerate().map(share).collect()
-}
-
-/// Phase of each sample of each demonstration: samples that have come equally far have the same, and it
-/// grows as the demonstrations do on average.
-fn aligned_phases(progresses: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    let mean_time = |i: usize| {
-        let share = i as f64 / (PROGRESS_POINTS - 1) as f64;
-        let time = |progress: &Vec<f64>| {
-            let k = progress.partition_point(|p| *p < share).clamp(1, progress.len() - 1);
-            let step = progress[k] - progress[k - 1];
-            let inner = if step > 0.0 { (share - progress[k - 1]) / step } else { 0.0 };
-            ((k - 1) as f64 + inner.clamp(0.0, 1.0)) / (progress.len() - 1) as f64
-        };
-        progresses.iter().map(time).sum::<f64>() / progresses.len() as f64
-    };
-    let times: Vec<f64> = (0..PROGRESS_POINTS).map(mean_time).collect();
-    let phase = |share: &f64| {
-        let at = (share * (PROGRESS_POINTS - 1) as f64).clamp(0.0, (PROGRESS_POINTS - 1) as f64);
-        let i = (at as usize).min(PROGRESS_POINTS - 2);
-        phase_of_time(times[i] + (times[i + 1] - times[i]) * (at - i as f64))
-    };
-    progresses.iter().map(|progress| progress.iter().map(phase).collect()).collect()
+/// Phase of sample `i` of `count`, `sampling_time_s` apart, and its first two derivatives in time.
+fn phase(i: usize, count: usize, sampling_time_s: f64) -> [f64; 3] {
+    let last = (count - 1) as f64;
+    let per_second = 1.0 / (last * sampling_time_s);
+    let [share, rate, bend] = ramp(i as f64 / last, PHASE_RISE);
+    [share, rate * per_second, bend * per_second * per_second]
 }
 
 /// The phase that belongs to a share of the time of a demonstration without its rest.
@@ -136,18 +103,14 @@ pub fn canonicalise(
     let fail =
         |name: &str, problem: String| LearnerError::Demonstration { name: name.into(), problem };
     let mean = mean_frames(demonstrations);
-    let moving = moving_parts(demonstrations, &mean, smoothing, scale)
+    let moving = moving_ranges(demonstrations, &mean, smoothing, scale)
         .map_err(|i| fail(&demonstrations[i].name, "it does not move".into()))?;
-    let (moving, progresses): (Vec<_>, Vec<_>) = moving.into_iter().unzip();
-    let phases = aligned_phases(&progresses);
     let shown: Vec<Shown> = demonstrations
         .iter()
         .zip(&moving)
-        .zip(&phases)
-        .map(|((demonstration, range), phases)| Shown {
+        .map(|(demonstration, range)| Shown {
             frames: frames(skill, demonstration).into_iter().map(|(_, pose)| pose).collect(),
             poses: &demonstration.poses[range.clone()],
-            phases,
         })
         .collect();
     let anchors = anchors(skill, &mean, &shown);
@@ -166,9 +129,10 @@ pub fn canonicalise(
     for ((demonstration, range), shown) in demonstrations.iter().zip(&moving).zip(&shown) {
         let displacement = shown.displacement(&map);
         let (count, sampling_time_s) = (shown.poses.len(), demonstration.sampling_time_s);
+        let phases: Vec<_> = (0..count).map(|i| phase(i, count, sampling_time_s)).collect();
         let mut positions = Vec::with_capacity(count);
         let mut rotations = Vec::with_capacity(count);
-        for (i, (pose, phase)) in shown.poses.iter().zip(shown.phases).enumerate() {
+        for (i, (pose, [phase, ..])) in shown.poses.iter().zip(&phases).enumerate() {
             let mut point = map.inverse(&displacement, *phase, pose);
             if !demonstration.manifold.has_orientation() {
                 point.rotation = DVec3::ZERO;
@@ -192,12 +156,6 @@ pub fn canonicalise(
         let (mut position, mut rotation) = (smoothed(&positions), smoothed(&rotations));
         end_at(&mut position, mean.goal.position, sampling_time_s);
         end_at(&mut rotation, DVec3::ZERO, sampling_time_s);
-        let along: Vec<DVec3> = shown.phases.iter().map(|phase| DVec3::X * *phase).collect();
-        let mut along = smoothed(&along);
-        end_at(&mut along, DVec3::X, sampling_time_s);
-        let phases = (0..count)
-            .map(|i| [along.points[i].x, along.velocities[i].x, along.accelerations[i].x])
-            .collect();
         let rest = range.start;
         set.push(CanonicalDemonstration { displacement, rest, phases, position, rotation });
     }
@@ -217,18 +175,18 @@ fn scales(scale: &Scale, position_m: f64, rotation_rad: f64) -> [f64; 2] {
     ]
 }
 
-/// The samples of each demonstration between its rests, and how far they have come: those before the first and after the last that
+/// The samples of each demonstration between its rests: those before the first and after the last that
 /// is faster than a share of the largest speed are cut. The speed is that seen from the goal frame, in
 /// normalised coordinates.
 ///
 /// # Errors
 /// The index of a demonstration that does not move.
-fn moving_parts(
+fn moving_ranges(
     demonstrations: &[Demonstration],
     mean: &MeanFrames,
     smoothing: &Smoothing,
     scale: &Scale,
-) -> Result<Vec<(std::ops::Range<usize>, Vec<f64>)>, usize> {
+) -> Result<Vec<std::ops::Range<usize>>, usize> {
     let grasp = mean.goal_frame.inverse().compose(&mean.goal);
     let seen: Vec<[Path; 2]> = demonstrations
         .iter()
@@ -261,18 +219,15 @@ fn moving_parts(
         let moves = |speed: &f64| *speed >= least;
         let first = speeds.iter().position(moves).unwrap_or(0);
         let last = speeds.iter().rposition(moves).unwrap_or(speeds.len() - 1);
-        let range = if last - first + 1 >= POINTS_MIN { first..last + 1 } else { 0..speeds.len() };
-        let progress = progress(&speeds[range.clone()]);
-        Ok((range, progress))
+        Ok(if last - first + 1 >= POINTS_MIN { first..last + 1 } else { 0..speeds.len() })
     };
     seen.iter().enumerate().map(range).collect()
 }
 
-/// A demonstration without its rest: its frames in the order of the skill, its poses and their phases.
+/// A demonstration without its rest: its frames in the order of the skill, and its poses.
 struct Shown<'a> {
     frames: Vec<Pose>,
     poses: &'a [Pose],
-    phases: &'a [f64],
 }
 
 impl Shown<'_> {
@@ -281,17 +236,13 @@ impl Shown<'_> {
         map.displace(&frames).expect("a demonstration has the skill's frames")
     }
 
-    /// The pose nearest to one of [`PHASES_COMPARED`] equal steps of the phase.
+    /// Phase and pose nearest to one of [`PHASES_COMPARED`] equal steps of the time.
     fn at(&self, step: usize) -> (f64, Pose) {
-        let phase = phase_at(step);
-        let i = self.phases.partition_point(|p| *p < phase).min(self.poses.len() - 1);
-        (self.phases[i], self.poses[i])
+        let last = self.poses.len() - 1;
+        let time = step as f64 / (PHASES_COMPARED - 1) as f64;
+        let i = (time * last as f64).round() as usize;
+        (phase(i, last + 1, 1.0)[0], self.poses[i])
     }
-}
-
-/// The phase of one of [`PHASES_COMPARED`] equal steps.
-fn phase_at(step: usize) -> f64 {
-    step as f64 / (PHASES_COMPARED - 1) as f64
 }
 
 /// The frames of the map: start, goal, and the further frames that matter in between.
@@ -324,14 +275,15 @@ fn anchors(skill: &Skill, mean: &MeanFrames, shown: &[Shown]) -> Vec<Anchor> {
             (variance(index, step).0 / others.fold(f64::INFINITY, f64::min)).sqrt()
         };
         let steps = (0..PHASES_COMPARED).filter(|step| {
-            (PHASE_DISTANCE_MIN..=1.0 - PHASE_DISTANCE_MIN).contains(&phase_at(*step))
+            let phase = phase_of_time(*step as f64 / (PHASES_COMPARED - 1) as f64);
+            (PHASE_DISTANCE_MIN..=1.0 - PHASE_DISTANCE_MIN).contains(&phase)
         });
         let best = steps.map(|step| (step, share(step))).min_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((step, _)) = best.filter(|(_, share)| *share <= AGREEMENT_SHARE) {
             let poses: Vec<Pose> = shown.iter().map(|s| s.frames[index]).collect();
             let frame = mean_pose(&poses);
             let point = frame.position + frame.orientation * variance(index, step).1;
-            let phase = phase_at(step);
+            let phase = phase_of_time(step as f64 / (PHASES_COMPARED - 1) as f64);
             ways.push(Anchor { index, frame, point, phase });
         }
     }
@@ -355,7 +307,7 @@ fn span<'a>(paths: impl Iterator<Item = &'a Path> + Clone, axes: DQuat) -> f64 {
 }
 
 /// How far the demonstrations lie apart in the canonical coordinates of a map [m, rms], at equal
-/// phases.
+/// shares of their times.
 fn spread(map: &FrameMap, shown: &[Shown]) -> f64 {
     let paths: Vec<Vec<DVec3>> = shown
         .iter()
