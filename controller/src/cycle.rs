@@ -407,6 +407,9 @@ impl<const N: usize> Cycle<N> {
             obstacles: self.scene.obstacles(),
             dt_s: dt,
         };
+        if self.motion.is_holding() {
+            self.workspace.restart();
+        }
         let decision = self
             .policy
             .evaluate(
@@ -419,6 +422,7 @@ impl<const N: usize> Cycle<N> {
             .map_err(|_| Reason::ResolveFailed)?;
         let setpoint =
             self.motion.follow(self.policy.chain(), state, &decision.acceleration, dt)?;
+        self.workspace.advance(&setpoint.acceleration, dt);
         self.prepare(&setpoint);
 
         let (life_cycle, remaining) =

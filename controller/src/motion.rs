@@ -66,6 +66,12 @@ impl<const N: usize> Motion<N> {
         self.reference.is_none()
     }
 
+    /// Whether the policy was not followed in the last tick.
+    #[must_use]
+    pub fn is_holding(&self) -> bool {
+        self.holding
+    }
+
     /// Whether the arm is out of sight.
     #[must_use]
     pub fn is_lost(&self) -> bool {

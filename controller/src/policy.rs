@@ -12,7 +12,7 @@ use tprmp_rmpflow::joint_leaves::{JointLimits, JointSpeedLimits, Posture};
 use tprmp_rmpflow::leaves::{ApproachFunnel, Obstacle, PoseAttractor, Shape};
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::policy::{Policy as SkillPolicy, PolicyState};
-use tprmp_rmpflow::skill::SkillInertia;
+use tprmp_rmpflow::skill::{SkillInertia, SkillValue};
 use tprmp_rmpflow::tree::{self, SelfCollision, Tree, TreeState};
 use tprmp_robot::{
     Chain, ControlPoint, ControlPoints, Kinematics, SelfPairs, forward_kinematics_with_velocity,
@@ -49,6 +49,8 @@ pub struct Workspace<const N: usize> {
     tree: TreeState<N>,
     centres: Vec<DVec3>,
     motions: Vec<OnceCell<PointMotion<N>>>,
+    /// Of the last evaluation of the skill.
+    value: Option<SkillValue>,
 }
 
 /// The control points of the arm in its present posture; the motion of a point is computed when it
@@ -139,6 +141,25 @@ pub struct Decision<const N: usize> {
     pub surroundings: Surroundings,
 }
 
+impl<const N: usize> Workspace<N> {
+    /// Forgets how far the skill is on its way: it goes on from where the tool is.
+    pub fn restart(&mut self) {
+        self.skill.restart();
+        self.value = None;
+    }
+
+    /// Lets the skill that was evaluated last go on for `dt_s` with the joint accelerations that the arm
+    /// gets \[rad/s² or m/s²\], limits included. Where the tool only reaches for a pose nothing goes on.
+    pub fn advance(&mut self, acceleration: &SVector<f64, N>, dt_s: f64) {
+        if let Some(value) = self.value.take() {
+            let tool = self.kinematics.tool_jacobian * acceleration + self.kinematics.tool_jd_qd;
+            let linear = DVec3::new(tool[0], tool[1], tool[2]);
+            let angular = DVec3::new(tool[3], tool[4], tool[5]);
+            self.skill.advance(&value, linear, angular, dt_s);
+        }
+    }
+}
+
 impl<const N: usize> Policy<N> {
     /// Builds the policy. Allocates: at start-up only.
     #[must_use]
@@ -182,6 +203,7 @@ impl<const N: usize> Policy<N> {
             tree: TreeState::default(),
             centres: vec![DVec3::NAN; count],
             motions: (0..count).map(|_| OnceCell::new()).collect(),
+            value: None,
         }
     }
 
@@ -225,6 +247,7 @@ impl<const N: usize> Policy<N> {
         let frames = parameters.frames;
         let value = self.skill.evaluate(&self.inertia, frames, &tool, linear, angular, state);
         let goal = self.skill.goal(frames, state);
+        workspace.value = matches!(task, Task::Skill).then_some(value);
         let (leaf, energy) = match (task, &self.lift) {
             (Task::Reach(goal), Some(lift)) => (
                 lift.evaluate(&tool, linear, angular, goal),

@@ -1,32 +1,31 @@
 //! Φ and ∇Φ as linear functions of the parameters p of a field.
 //!
 //! ```text
-//! p = (φ⁰_k, g_k, S_k for each component k; S_G of the goal's; c₀, k₀ of the background)
-//! Φ(y) = b(y)ᵀ p        ∇Φ(y) = G(y) p
+//! p = (φ⁰_k, g_k, S_k for each component k; S_G of the goal's)
+//! Φ(z) = b(z)ᵀ p        ∇Φ(z) = G(z) p
 //! ```
 //!
 //! S is symmetric: its upper triangle stands in p, row by row. The goal's component has no φ⁰ and
 //! no g: that fixes the constant to which Φ is only determined, and keeps φ_G at rest at the goal.
 
 use nalgebra::{SMatrix, SVector};
-use tprmp_rmpflow::field::{Background, Component, Field};
+use tprmp_rmpflow::field::{Component, Field};
 
-/// The part of a field that is settled before the convex program: where its components are, how
-/// wide, and with what metric. Potentials are zero in it.
+/// The part of a field on N coordinates, the phase the last of them, that is settled before the convex
+/// program: where its components are, and with what metric.
 #[derive(Clone, Debug)]
-pub struct Shape<const D: usize> {
-    components: Vec<Component<D>>,
-    background: Background,
-    damping_1_s: f64,
+pub struct Shape<const N: usize> {
+    /// The field without potentials.
+    bare: Field<N>,
 }
 
-/// b(y) and G(y), one entry and one column a parameter.
+/// b(z) and G(z), one entry and one column a parameter.
 #[derive(Clone, Debug)]
-pub struct Basis<const D: usize> {
-    /// b(y).
+pub struct Basis<const N: usize> {
+    /// b(z).
     pub value: Vec<f64>,
-    /// The columns of G(y).
-    pub gradient: Vec<SVector<f64, D>>,
+    /// The columns of G(z).
+    pub gradient: Vec<SVector<f64, N>>,
 }
 
 /// How a parameter enters the field, for weighing it against others.
@@ -38,35 +37,32 @@ pub enum Parameter {
     Gradient,
     /// An entry of a Hessian [1/s²].
     Hessian,
-    /// The background's offset c₀ [u²/s²].
-    Offset,
-    /// The background's slope k₀ [u/s²].
-    Slope,
 }
 
-impl<const D: usize> Shape<D> {
+impl<const N: usize> Shape<N> {
     /// Entries of the upper triangle of a symmetric matrix.
-    const TRIANGLE: usize = D * (D + 1) / 2;
+    const TRIANGLE: usize = N * (N + 1) / 2;
 
-    /// A shape; the potentials in `components` and `background` are disregarded, the last
-    /// component is the goal's.
+    /// A shape; the potentials in `components` are disregarded, the last component is the goal's.
     ///
     /// # Panics
-    /// When there is no component.
+    /// When there is no component, or more than a field holds.
     #[must_use]
-    pub fn new(
-        mut components: Vec<Component<D>>,
-        background: Background,
-        damping_1_s: f64,
-    ) -> Self {
-        assert!(!components.is_empty(), "the goal has a component");
+    pub fn new(mut components: Vec<Component<N>>, phase_width: f64, damping_1_s: f64) -> Self {
         for component in &mut components {
             component.potential = 0.0;
             component.gradient = SVector::zeros();
             component.hessian = SMatrix::zeros();
         }
-        let background = Background { offset: 0.0, slope: 0.0, ..background };
-        Self { components, background, damping_1_s }
+        let bare = Field::new(&components, phase_width, damping_1_s)
+            .expect("the number of components is checked where it is chosen");
+        Self { bare }
+    }
+
+    /// The field without potentials.
+    #[must_use]
+    pub fn bare(&self) -> &Field<N> {
+        &self.bare
     }
 
     /// The field for some parameters.
@@ -74,130 +70,104 @@ impl<const D: usize> Shape<D> {
     /// # Panics
     /// When there are not [`Shape::parameters`] of them.
     #[must_use]
-    pub fn field(&self, p: &[f64]) -> Field<D> {
-        let (components, background) = self.with(p);
-        Field::new(&components, background, self.damping_1_s)
-            .expect("the number of components is checked where it is chosen")
+    pub fn field(&self, p: &[f64]) -> Field<N> {
+        let bare = &self.bare;
+        Field::new(&self.with(p), bare.phase_width(), bare.damping_1_s())
+            .expect("there are as many components as before")
     }
 
-    /// Components and background for some parameters.
+    /// The components for some parameters.
     ///
     /// # Panics
     /// When there are not [`Shape::parameters`] of them.
     #[must_use]
-    pub fn with(&self, p: &[f64]) -> (Vec<Component<D>>, Background) {
+    pub fn with(&self, p: &[f64]) -> Vec<Component<N>> {
         assert_eq!(p.len(), self.parameters().len(), "one number a parameter");
         let mut rest = p.iter().copied();
         let mut next = || rest.next().expect("their number was checked");
-        let mut components = self.components.clone();
+        let mut components = self.bare.components().to_vec();
         let goal = components.len() - 1;
         for (k, component) in components.iter_mut().enumerate() {
             if k != goal {
                 component.potential = next();
                 component.gradient = SVector::from_fn(|_, _| next());
             }
-            for a in 0..D {
-                for b in a..D {
+            for a in 0..N {
+                for b in a..N {
                     component.hessian[(a, b)] = next();
                     component.hessian[(b, a)] = component.hessian[(a, b)];
                 }
             }
         }
-        let background = Background { offset: next(), slope: next(), ..self.background };
-        (components, background)
+        components
     }
 
     /// What each parameter is, in their order.
     #[must_use]
     pub fn parameters(&self) -> Vec<Parameter> {
         let mut parameters = Vec::new();
-        for _ in 1..self.components.len() {
+        for _ in 1..self.bare.components().len() {
             parameters.push(Parameter::Potential);
-            parameters.extend([Parameter::Gradient; D]);
+            parameters.extend([Parameter::Gradient; N]);
             parameters.extend(std::iter::repeat_n(Parameter::Hessian, Self::TRIANGLE));
         }
         parameters.extend(std::iter::repeat_n(Parameter::Hessian, Self::TRIANGLE));
-        parameters.extend([Parameter::Offset, Parameter::Slope]);
         parameters
-    }
-
-    /// Damping d.
-    #[must_use]
-    pub fn damping_1_s(&self) -> f64 {
-        self.damping_1_s
     }
 
     /// The goal.
     #[must_use]
-    pub fn goal(&self) -> SVector<f64, D> {
-        self.components[self.components.len() - 1].mean
+    pub fn goal(&self) -> SVector<f64, N> {
+        self.bare.goal()
     }
 
-    /// Mean over all metrics, the background's included, of a metric's mean eigenvalue.
+    /// Mean over all components of a metric's mean eigenvalue.
     #[must_use]
     pub fn mean_metric(&self) -> f64 {
-        let sum: f64 = self.components.iter().map(|c| c.metric.trace() / D as f64).sum();
-        (sum + self.background.metric) / (self.components.len() + 1) as f64
+        let components = self.bare.components();
+        let sum: f64 = components.iter().map(|c| c.metric.trace() / N as f64).sum();
+        sum / components.len() as f64
     }
 
-    /// b(y) and G(y).
+    /// b(z) and G(z).
     #[must_use]
-    pub fn basis(&self, y: &SVector<f64, D>) -> Basis<D> {
-        let offsets: Vec<_> = self.components.iter().map(|c| y - c.mean).collect();
-        let pulls: Vec<_> =
-            self.components.iter().zip(&offsets).map(|(c, v)| c.precision * v).collect();
-        let mut weights: Vec<_> =
-            offsets.iter().zip(&pulls).map(|(v, pull)| (-0.5 * v.dot(pull)).exp()).collect();
-        let mut background_weight = self.background.exponent.exp();
-        let density = weights.iter().sum::<f64>() + background_weight;
-        weights.iter_mut().for_each(|w| *w /= density);
-        background_weight /= density;
-        let mean_pull: SVector<f64, D> =
-            weights.iter().zip(&pulls).map(|(w, pull)| pull * *w).sum();
-
-        // The gradient of w φ is φ ∇w + w ∇φ, with ∇w_k = w_k (Σ_j w_j Λ_j v_j − Λ_k v_k).
+    pub fn basis(&self, z: &SVector<f64, N>) -> Basis<N> {
+        // The gradient of w φ is φ ∇w + w ∇φ, and ∇w has only the phase's entry.
         let mut basis = Basis { value: Vec::new(), gradient: Vec::new() };
-        let mut push = |w: f64, dw: &SVector<f64, D>, phi: f64, dphi: &SVector<f64, D>| {
-            basis.value.push(w * phi);
-            basis.gradient.push(dw * phi + dphi * w);
-        };
-        let zero = SVector::zeros();
-        let goal = self.components.len() - 1;
-        for (k, ((v, pull), w)) in offsets.iter().zip(&pulls).zip(&weights).enumerate() {
-            let dw = (mean_pull - pull) * *w;
-            if k != goal {
-                push(*w, &dw, 1.0, &zero);
-                for a in 0..D {
-                    push(*w, &dw, v[a], &axis(a, 1.0));
+        let weights = self.bare.weights(z[N - 1]);
+        let components = self.bare.components();
+        for (k, (component, [w, dw])) in components.iter().zip(&weights).enumerate() {
+            let v = z - component.mean;
+            let mut push = |phi: f64, dphi: SVector<f64, N>| {
+                basis.value.push(w * phi);
+                basis.gradient.push(axis::<N>(N - 1, dw * phi) + dphi * *w);
+            };
+            if k + 1 != components.len() {
+                push(1.0, SVector::zeros());
+                for a in 0..N {
+                    push(v[a], axis(a, 1.0));
                 }
             }
-            for a in 0..D {
-                push(*w, &dw, 0.5 * v[a] * v[a], &axis(a, v[a]));
-                for b in a + 1..D {
-                    let slope = axis(a, v[b]) + axis(b, v[a]);
-                    push(*w, &dw, v[a] * v[b], &slope);
+            for a in 0..N {
+                push(0.5 * v[a] * v[a], axis(a, v[a]));
+                for b in a + 1..N {
+                    push(v[a] * v[b], axis::<N>(a, v[b]) + axis(b, v[a]));
                 }
             }
         }
-        let dw = mean_pull * background_weight;
-        let softening = self.background.softening;
-        let away = offsets[goal];
-        let root = (away.norm_squared() + softening * softening).sqrt();
-        push(background_weight, &dw, 1.0, &zero);
-        push(background_weight, &dw, root - softening, &(away / root));
         basis
     }
 }
 
 /// A vector along one axis.
-pub(crate) fn axis<const D: usize>(index: usize, length: f64) -> SVector<f64, D> {
+pub(crate) fn axis<const N: usize>(index: usize, length: f64) -> SVector<f64, N> {
     SVector::from_fn(|i, _| if i == index { length } else { 0.0 })
 }
 
-impl<const D: usize> Basis<D> {
+impl<const N: usize> Basis<N> {
     /// G p.
     #[must_use]
-    pub fn gradient_of(&self, p: &[f64]) -> SVector<f64, D> {
+    pub fn gradient_of(&self, p: &[f64]) -> SVector<f64, N> {
         self.gradient.iter().zip(p).map(|(column, p)| column * *p).sum()
     }
 }
@@ -214,20 +184,16 @@ mod tests {
         let components: Vec<_> = (0..5)
             .map(|_| {
                 let root = Matrix3::from_fn(|_, _| number());
-                let precision = root * root.transpose() + Matrix3::identity();
                 Component {
                     mean: Vector3::from_fn(|_, _| number()),
-                    precision,
-                    metric: precision * 0.25,
+                    metric: root * root.transpose() + Matrix3::identity(),
                     potential: 0.0,
                     gradient: Vector3::zeros(),
                     hessian: Matrix3::zeros(),
                 }
             })
             .collect();
-        let background =
-            Background { exponent: -6.0, metric: 0.5, offset: 0.0, slope: 0.0, softening: 0.3 };
-        let shape = Shape::new(components, background, 8.0);
+        let shape = Shape::new(components, 0.4, 8.0);
         let p = (0..shape.parameters().len()).map(|_| number()).collect();
         let points = (0..30).map(|_| Vector3::from_fn(|_, _| 2.0 * number())).collect();
         (shape, p, points)

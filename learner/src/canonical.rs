@@ -1,45 +1,57 @@
 //! Canonical coordinates: the space in which all demonstrations share their frames.
 //!
 //! The canonical frames are the means of the demonstrations' frames; the goal is the mean final
-//! pose of the tool relative to the goal frame. Each demonstration is pulled back through the map
-//! of its own frames ([`tprmp_rmpflow::frame_map`]), then smoothed. Rest before and after the motion
-//! is cut: a field of the state alone cannot wait, and would take it for a place to stay.
+//! pose of the tool relative to the goal frame. Rest before and after the motion is cut; in between
+//! the phase of a demonstration is its time as a share, at rest at either end. Each demonstration is
+//! pulled back through the map of its own frames ([`tprmp_rmpflow::frame_map`]), then smoothed.
+//!
+//! Further frames act where they matter: at the phase at which the demonstrations, seen from such a
+//! frame, agree best against what start and goal frame see. One in which they never agree better is
+//! left out of the map.
 
 use glam::{DQuat, DVec3};
 use tprmp_rmpflow::frame_map::{
-    Canonical, CanonicalFrames, Displacement, FrameMap, FrameMotion, Pose,
+    Anchor, Canonical, Displacement, FrameMap, FrameMapError, FrameMotion, PHASE_DISTANCE_MIN,
+    Pose, ramp,
 };
 
 use crate::demonstration::{Demonstration, POINTS_MIN};
 use crate::error::LearnerError;
 use crate::orientation::mean_orientation;
 use crate::savitzky_golay::{Path, smooth};
-use crate::skill::{Scale, Smoothing};
+use crate::skill::{Scale, Skill, Smoothing};
+use crate::tp_gmm::frames;
 
+/// Share of its duration within which a demonstration's phase comes up to speed, and to rest: a policy
+/// that starts from rest follows without a lag.
+const PHASE_RISE: f64 = 0.1;
 /// Largest angle between a demonstrated orientation and the goal's [rad]: the chart ends at π.
 const ANGLE_MAX_RAD: f64 = 0.95 * std::f64::consts::PI;
-/// Least determinant of a demonstration's frame map along the way from start to goal.
-const DETERMINANT_MIN: f64 = 0.2;
-/// Points of the way at which it is looked at.
-const DETERMINANT_POINTS: u32 = 50;
 /// Positions follow the turn of the frames unless the demonstrations then lie so much farther apart
 /// that their spread is this share of it or less when positions do not turn. Below 1: it takes
 /// frames that were shown turned, and a way that was shown not to turn.
 const UPRIGHT_SHARE: f64 = 0.75;
-/// Points of a path at which demonstrations are compared.
-const SPREAD_POINTS: usize = 50;
+/// Phases at which demonstrations are compared.
+const PHASES_COMPARED: usize = 50;
+/// A further frame acts where the demonstrations seen from it lie this share or less as far apart as
+/// seen from start and goal frame …
+const AGREEMENT_SHARE: f64 = 0.5;
+/// … counting differences below this share of the demonstrations' span as none.
+const AGREEMENT_FLOOR: f64 = 0.005;
 /// Frames are fixed to each other when they move less than this [m] …
 const FIXED_M: f64 = 1e-9;
 /// … and turn less than this [rad].
 const FIXED_RAD: f64 = 1e-9;
-/// Least distance between the canonical start frame and the goal [m].
-const AXIS_MIN_M: f64 = 1e-3;
+/// A demonstration that moves less than this has no way to learn [m, or rad of its turn].
+const MOTION_MIN: f64 = 1e-4;
 
 /// Demonstrations in canonical coordinates.
 #[derive(Clone, Debug)]
 pub struct CanonicalSet {
     /// The map of the frames.
     pub map: FrameMap,
+    /// The start frame in canonical coordinates.
+    pub start: Pose,
     /// s in ŷ = s y, of the positions [1/m] and of the rotations [1/rad].
     pub scales: [f64; 2],
     /// One a demonstration, in their order.
@@ -53,68 +65,83 @@ pub struct CanonicalDemonstration {
     pub displacement: Displacement,
     /// Samples at rest that were cut at its start.
     pub rest: usize,
+    /// Phase of each sample, with its first two derivatives in time [1, 1/s, 1/s²].
+    pub phases: Vec<[f64; 3]>,
     /// Positions [m].
     pub position: Path,
     /// Rotation vectors at the goal [rad]; all zero for skills without an orientation.
     pub rotation: Path,
 }
 
+/// Phase of sample `i` of `count`, `sampling_time_s` apart, and its first two derivatives in time.
+fn phase(i: usize, count: usize, sampling_time_s: f64) -> [f64; 3] {
+    let last = (count - 1) as f64;
+    let per_second = 1.0 / (last * sampling_time_s);
+    let [share, rate, bend] = ramp(i as f64 / last, PHASE_RISE);
+    [share, rate * per_second, bend * per_second * per_second]
+}
+
+/// The phase that belongs to a share of the time of a demonstration without its rest.
+#[must_use]
+pub fn phase_of_time(share: f64) -> f64 {
+    ramp(share, PHASE_RISE)[0]
+}
+
 /// Brings demonstrations into canonical coordinates.
 ///
 /// # Errors
-/// [`LearnerError::Demonstration`]: start and goal coincide, the frames of a demonstration differ
-/// so much from the others' that their map folds, or it turns by almost 180° or more against the
+/// [`LearnerError::Demonstration`]: it does not move, or turns by almost 180° or more against the
 /// goal.
+///
+/// # Panics
+/// When there is no demonstration, or one lacks a frame of the skill.
 pub fn canonicalise(
+    skill: &Skill,
     demonstrations: &[Demonstration],
-    smoothing: &Smoothing,
-    scale: &Scale,
 ) -> Result<CanonicalSet, LearnerError> {
-    let frames = canonical_frames(demonstrations);
+    let (smoothing, scale) = (&skill.smoothing, &skill.scale);
     let fail =
         |name: &str, problem: String| LearnerError::Demonstration { name: name.into(), problem };
-    let distance = (frames.goal.position - frames.start.position).length();
-    let no_axis = || {
-        let problem = format!(
-            "start frame and goal are only {distance:.6} m apart in the mean of the \
-             demonstrations; the way from one to the other is what the skill is laid along"
-        );
-        fail(&demonstrations[0].name, problem)
+    let mean = mean_frames(demonstrations);
+    let moving = moving_ranges(demonstrations, &mean, smoothing, scale)
+        .map_err(|i| fail(&demonstrations[i].name, "it does not move".into()))?;
+    let shown: Vec<Shown> = demonstrations
+        .iter()
+        .zip(&moving)
+        .map(|(demonstration, range)| Shown {
+            frames: frames(skill, demonstration).into_iter().map(|(_, pose)| pose).collect(),
+            poses: &demonstration.poses[range.clone()],
+        })
+        .collect();
+    let anchors = anchors(skill, &mean, &shown);
+    let map = |turn| {
+        FrameMap::new(&anchors, mean.goal, turn)
+            .map_err(|error: FrameMapError| fail(&demonstrations[0].name, format!("{error:?}")))
     };
-    if distance < AXIS_MIN_M {
-        return Err(no_axis());
-    }
-    let turning = FrameMap::new(frames).map_err(|_| no_axis())?;
-    let upright = FrameMap::new(CanonicalFrames { positions_turn: false, ..frames })
-        .map_err(|_| no_axis())?;
+    let (turning, upright) = (map(true)?, map(false)?);
     // Frames that turn and a way that does not: then positions do not follow the turn.
-    let map = if spread(&upright, demonstrations) < UPRIGHT_SHARE * spread(&turning, demonstrations)
-    {
+    let map = if spread(&upright, &shown) < UPRIGHT_SHARE * spread(&turning, &shown) {
         upright
     } else {
         turning
     };
     let mut set: Vec<CanonicalDemonstration> = Vec::with_capacity(demonstrations.len());
-    for demonstration in demonstrations {
-        let displacement = displacement(&map, &demonstration.start, &demonstration.goal_frame);
-        if least_determinant(&map, &displacement) < DETERMINANT_MIN {
-            let problem = "its start and goal frame lie so differently from the other \
-                           demonstrations' that the space between them would fold; show start \
-                           and goal in similar places";
-            return Err(fail(&demonstration.name, problem.into()));
-        }
-        let mut phase = 0.0;
-        let mut positions = Vec::with_capacity(demonstration.poses.len());
-        let mut rotations = Vec::with_capacity(demonstration.poses.len());
-        for (i, pose) in demonstration.poses.iter().enumerate() {
-            let mut point = map.inverse(&displacement, pose, &mut phase);
+    for ((demonstration, range), shown) in demonstrations.iter().zip(&moving).zip(&shown) {
+        let displacement = shown.displacement(&map);
+        let (count, sampling_time_s) = (shown.poses.len(), demonstration.sampling_time_s);
+        let phases: Vec<_> = (0..count).map(|i| phase(i, count, sampling_time_s)).collect();
+        let mut positions = Vec::with_capacity(count);
+        let mut rotations = Vec::with_capacity(count);
+        for (i, (pose, [phase, ..])) in shown.poses.iter().zip(&phases).enumerate() {
+            let mut point = map.inverse(&displacement, *phase, pose);
             if !demonstration.manifold.has_orientation() {
                 point.rotation = DVec3::ZERO;
             }
             let angle = point.rotation.length();
             if angle > ANGLE_MAX_RAD {
                 let problem = format!(
-                    "sample {i} is turned by {:.0}° against the goal; at most {:.0}° can be learned",
+                    "sample {} is turned by {:.0}° against the goal; at most {:.0}° can be learned",
+                    range.start + i,
                     angle.to_degrees(),
                     ANGLE_MAX_RAD.to_degrees()
                 );
@@ -124,23 +151,149 @@ pub fn canonicalise(
             rotations.push(point.rotation);
         }
         let smoothed = |samples: &[DVec3]| {
-            smooth(samples, demonstration.sampling_time_s, smoothing.window_s, smoothing.degree)
+            smooth(samples, sampling_time_s, smoothing.window_s, smoothing.degree)
         };
-        let (position, rotation) = (smoothed(&positions), smoothed(&rotations));
-        set.push(CanonicalDemonstration { displacement, rest: 0, position, rotation });
+        let (mut position, mut rotation) = (smoothed(&positions), smoothed(&rotations));
+        end_at(&mut position, mean.goal.position, sampling_time_s);
+        end_at(&mut rotation, DVec3::ZERO, sampling_time_s);
+        let rest = range.start;
+        set.push(CanonicalDemonstration { displacement, rest, phases, position, rotation });
     }
-    let positions = span(set.iter().map(|d| &d.position), frames.goal_frame.orientation);
-    let rotations = span(set.iter().map(|d| &d.rotation), DQuat::IDENTITY);
-    let scales = [
-        scale.span / positions.max(scale.position_span_min_m),
-        scale.span / rotations.max(scale.orientation_span_min_rad),
-    ];
-    for (canonical, demonstration) in set.iter_mut().zip(demonstrations) {
-        canonical.cut_rest(scales, smoothing.rest_speed_share);
-        end_at(&mut canonical.position, frames.goal.position, demonstration.sampling_time_s);
-        end_at(&mut canonical.rotation, DVec3::ZERO, demonstration.sampling_time_s);
+    let scales = scales(
+        scale,
+        span(set.iter().map(|d| &d.position), mean.goal_frame.orientation),
+        span(set.iter().map(|d| &d.rotation), DQuat::IDENTITY),
+    );
+    Ok(CanonicalSet { map, start: mean.start, scales, demonstrations: set })
+}
+
+/// ŷ = s y for positions and rotations of these spans.
+fn scales(scale: &Scale, position_m: f64, rotation_rad: f64) -> [f64; 2] {
+    [
+        scale.span / position_m.max(scale.position_span_min_m),
+        scale.span / rotation_rad.max(scale.orientation_span_min_rad),
+    ]
+}
+
+/// The samples of each demonstration between its rests: those before the first and after the last that
+/// is faster than a share of the largest speed are cut. The speed is that seen from the goal frame, in
+/// normalised coordinates.
+///
+/// # Errors
+/// The index of a demonstration that does not move.
+fn moving_ranges(
+    demonstrations: &[Demonstration],
+    mean: &MeanFrames,
+    smoothing: &Smoothing,
+    scale: &Scale,
+) -> Result<Vec<std::ops::Range<usize>>, usize> {
+    let grasp = mean.goal_frame.inverse().compose(&mean.goal);
+    let seen: Vec<[Path; 2]> = demonstrations
+        .iter()
+        .map(|d| {
+            let goal = d.goal_frame.compose(&grasp).inverse();
+            let poses: Vec<Pose> = d.poses.iter().map(|pose| goal.compose(pose)).collect();
+            let turns = d.manifold.has_orientation();
+            let rotation = |pose: &Pose| {
+                if turns { pose.rotation_from(&Pose::IDENTITY) } else { DVec3::ZERO }
+            };
+            let positions: Vec<DVec3> = poses.iter().map(|pose| pose.position).collect();
+            let rotations: Vec<DVec3> = poses.iter().map(rotation).collect();
+            let window = smoothing.window_s;
+            [positions, rotations]
+                .map(|samples| smooth(&samples, d.sampling_time_s, window, smoothing.degree))
+        })
+        .collect();
+    let of = |block: usize| span(seen.iter().map(|paths| &paths[block]), DQuat::IDENTITY);
+    let scales = scales(scale, of(0), of(1));
+    let range = |(i, paths): (usize, &[Path; 2])| {
+        let own = |path: &Path| span(std::iter::once(path), DQuat::IDENTITY);
+        if paths.iter().map(own).fold(0.0, f64::max) < MOTION_MIN {
+            return Err(i);
+        }
+        let pairs = paths[0].velocities.iter().zip(&paths[1].velocities);
+        let speeds: Vec<f64> = pairs
+            .map(|(p, r)| (*p * scales[0]).length().hypot((*r * scales[1]).length()))
+            .collect();
+        let least = smoothing.rest_speed_share * speeds.iter().copied().fold(0.0, f64::max);
+        let moves = |speed: &f64| *speed >= least;
+        let first = speeds.iter().position(moves).unwrap_or(0);
+        let last = speeds.iter().rposition(moves).unwrap_or(speeds.len() - 1);
+        Ok(if last - first + 1 >= POINTS_MIN { first..last + 1 } else { 0..speeds.len() })
+    };
+    seen.iter().enumerate().map(range).collect()
+}
+
+/// A demonstration without its rest: its frames in the order of the skill, and its poses.
+struct Shown<'a> {
+    frames: Vec<Pose>,
+    poses: &'a [Pose],
+}
+
+impl Shown<'_> {
+    fn displacement(&self, map: &FrameMap) -> Displacement {
+        let frames: Vec<_> = self.frames.iter().copied().map(FrameMotion::at_rest).collect();
+        map.displace(&frames).expect("a demonstration has the skill's frames")
     }
-    Ok(CanonicalSet { map, scales, demonstrations: set })
+
+    /// Phase and pose nearest to one of [`PHASES_COMPARED`] equal steps of the time.
+    fn at(&self, step: usize) -> (f64, Pose) {
+        let last = self.poses.len() - 1;
+        let time = step as f64 / (PHASES_COMPARED - 1) as f64;
+        let i = (time * last as f64).round() as usize;
+        (phase(i, last + 1, 1.0)[0], self.poses[i])
+    }
+}
+
+/// The frames of the map: start, goal, and the further frames that matter in between.
+fn anchors(skill: &Skill, mean: &MeanFrames, shown: &[Shown]) -> Vec<Anchor> {
+    let single = skill.start_frame == skill.goal_frame;
+    let goal = usize::from(!single);
+    let mut anchors = Vec::new();
+    if !single {
+        let (frame, point) = (mean.start, mean.start.position);
+        anchors.push(Anchor { index: 0, frame, point, phase: 0.0 });
+    }
+    let positions = || shown.iter().flat_map(|s| s.poses).map(|pose| pose.position);
+    let low = positions().reduce(DVec3::min).unwrap_or_default();
+    let high = positions().reduce(DVec3::max).unwrap_or_default();
+    let floor = (AGREEMENT_FLOOR * (high - low).length()).powi(2);
+    // Mean square distance from the mean of what a frame sees.
+    let variance = |index: usize, step: usize| {
+        let seen: Vec<DVec3> = shown
+            .iter()
+            .map(|s| s.frames[index].inverse().compose(&s.at(step).1).position)
+            .collect();
+        let mean = seen.iter().sum::<DVec3>() / seen.len() as f64;
+        let squares = seen.iter().map(|p| (p - mean).length_squared());
+        (squares.sum::<f64>() / seen.len() as f64 + floor, mean)
+    };
+    let mut ways: Vec<Anchor> = Vec::new();
+    for index in goal + 1..goal + 1 + skill.other_frames.len() {
+        let share = |step: usize| {
+            let others = (0..=goal).map(|other| variance(other, step).0);
+            (variance(index, step).0 / others.fold(f64::INFINITY, f64::min)).sqrt()
+        };
+        let steps = (0..PHASES_COMPARED).filter(|step| {
+            let phase = phase_of_time(*step as f64 / (PHASES_COMPARED - 1) as f64);
+            (PHASE_DISTANCE_MIN..=1.0 - PHASE_DISTANCE_MIN).contains(&phase)
+        });
+        let best = steps.map(|step| (step, share(step))).min_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((step, _)) = best.filter(|(_, share)| *share <= AGREEMENT_SHARE) {
+            let poses: Vec<Pose> = shown.iter().map(|s| s.frames[index]).collect();
+            let frame = mean_pose(&poses);
+            let point = frame.position + frame.orientation * variance(index, step).1;
+            let phase = phase_of_time(step as f64 / (PHASES_COMPARED - 1) as f64);
+            ways.push(Anchor { index, frame, point, phase });
+        }
+    }
+    ways.sort_by(|a, b| a.phase.total_cmp(&b.phase));
+    // Of frames that matter at the same time, the first one acts.
+    ways.dedup_by(|later, earlier| later.phase - earlier.phase < PHASE_DISTANCE_MIN);
+    anchors.extend(ways);
+    let (frame, point) = (mean.goal_frame, mean.goal.position);
+    anchors.push(Anchor { index: goal, frame, point, phase: 1.0 });
+    anchors
 }
 
 /// Diagonal of the bounding box of all points along these axes. Those of a frame turn with the
@@ -153,44 +306,18 @@ fn span<'a>(paths: impl Iterator<Item = &'a Path> + Clone, axes: DQuat) -> f64 {
     (high - low).length()
 }
 
-impl CanonicalDemonstration {
-    /// Cuts the samples before the first and after the last that is faster than a share of the
-    /// largest speed, in normalised coordinates.
-    fn cut_rest(&mut self, scales: [f64; 2], share: f64) {
-        let pairs = self.position.velocities.iter().zip(&self.rotation.velocities);
-        let speeds: Vec<f64> = pairs
-            .map(|(p, r)| (*p * scales[0]).length().hypot((*r * scales[1]).length()))
-            .collect();
-        let least = share * speeds.iter().copied().fold(0.0, f64::max);
-        let moves = |speed: &f64| *speed >= least;
-        let first = speeds.iter().position(moves).unwrap_or(0);
-        let last = speeds.iter().rposition(moves).unwrap_or(speeds.len() - 1);
-        if last - first + 1 >= POINTS_MIN {
-            self.rest = first;
-            for path in [&mut self.position, &mut self.rotation] {
-                for samples in [&mut path.points, &mut path.velocities, &mut path.accelerations] {
-                    samples.truncate(last + 1);
-                    samples.drain(..first);
-                }
-            }
-        }
-    }
-}
-
 /// How far the demonstrations lie apart in the canonical coordinates of a map [m, rms], at equal
-/// shares of their lengths.
-fn spread(map: &FrameMap, demonstrations: &[Demonstration]) -> f64 {
-    let paths: Vec<Vec<DVec3>> = demonstrations
+/// shares of their times.
+fn spread(map: &FrameMap, shown: &[Shown]) -> f64 {
+    let paths: Vec<Vec<DVec3>> = shown
         .iter()
-        .map(|demonstration| {
-            let displacement = displacement(map, &demonstration.start, &demonstration.goal_frame);
-            let mut phase = 0.0;
-            let points: Vec<DVec3> = demonstration
-                .poses
-                .iter()
-                .map(|pose| map.inverse(&displacement, pose, &mut phase).position)
-                .collect();
-            at_equal_lengths(&points)
+        .map(|shown| {
+            let displacement = shown.displacement(map);
+            let at = |step| {
+                let (phase, pose) = shown.at(step);
+                map.inverse(&displacement, phase, &pose).position
+            };
+            (0..PHASES_COMPARED).map(at).collect()
         })
         .collect();
     let count = paths.len() as f64;
@@ -198,42 +325,19 @@ fn spread(map: &FrameMap, demonstrations: &[Demonstration]) -> f64 {
         let mean = paths.iter().map(|p| p[i]).sum::<DVec3>() / count;
         paths.iter().map(|p| (p[i] - mean).length_squared()).sum::<f64>() / count
     };
-    ((0..SPREAD_POINTS).map(variance).sum::<f64>() / SPREAD_POINTS as f64).sqrt()
+    ((0..PHASES_COMPARED).map(variance).sum::<f64>() / PHASES_COMPARED as f64).sqrt()
 }
 
-/// [`SPREAD_POINTS`] points of a path, at equal steps of its length.
-fn at_equal_lengths(points: &[DVec3]) -> Vec<DVec3> {
-    let mut lengths = vec![0.0];
-    for pair in points.windows(2) {
-        lengths.push(lengths[lengths.len() - 1] + (pair[1] - pair[0]).length());
-    }
-    let whole = lengths[lengths.len() - 1];
-    (0..SPREAD_POINTS)
-        .map(|i| {
-            let at = whole * i as f64 / (SPREAD_POINTS - 1) as f64;
-            let k = lengths.partition_point(|l| *l < at).clamp(1, points.len() - 1);
-            let step = lengths[k] - lengths[k - 1];
-            let share = if step > 0.0 { (at - lengths[k - 1]) / step } else { 0.0 };
-            points[k - 1].lerp(points[k], share.clamp(0.0, 1.0))
-        })
-        .collect()
-}
-
-/// The frames at rest at these poses.
-fn displacement(map: &FrameMap, start: &Pose, goal_frame: &Pose) -> Displacement {
-    map.displace(&FrameMotion::at_rest(*start), &FrameMotion::at_rest(*goal_frame))
-}
-
-/// Least determinant of the map of these frames on the straight way from start to goal.
-fn least_determinant(map: &FrameMap, displacement: &Displacement) -> f64 {
-    let (start, goal) = (map.canonical().start.position, map.canonical().goal.position);
-    let determinant = |i| {
-        let mut phase = f64::from(i) / f64::from(DETERMINANT_POINTS);
-        let position = start.lerp(goal, phase);
-        let pose = map.forward(displacement, &Canonical { position, rotation: DVec3::ZERO });
-        map.map(displacement, &pose, DVec3::ZERO, DVec3::ZERO, &mut phase).determinant
-    };
-    (0..=DETERMINANT_POINTS).map(determinant).fold(f64::INFINITY, f64::min)
+/// A demonstration without its rests in canonical coordinates, for its frames.
+#[must_use]
+pub fn canonical_path(
+    map: &FrameMap,
+    displacement: &Displacement,
+    poses: &[Pose],
+) -> Vec<Canonical> {
+    let last = (poses.len() - 1) as f64;
+    let at = |(i, pose)| map.inverse(displacement, phase_of_time(i as f64 / last), pose);
+    poses.iter().enumerate().map(at).collect()
 }
 
 /// The start of a skill that has no start frame: where the tool is on average at first, seen from
@@ -246,12 +350,14 @@ pub fn mean_start(demonstrations: &[Demonstration]) -> Pose {
     mean_pose(&demonstrations.iter().map(seen).collect::<Vec<_>>())
 }
 
-/// Mean frames and goal of the demonstrations.
-///
-/// # Panics
-/// When there is no demonstration.
-#[must_use]
-pub fn canonical_frames(demonstrations: &[Demonstration]) -> CanonicalFrames {
+/// Frames and goal in the mean of the demonstrations.
+struct MeanFrames {
+    start: Pose,
+    goal_frame: Pose,
+    goal: Pose,
+}
+
+fn mean_frames(demonstrations: &[Demonstration]) -> MeanFrames {
     let poses = |f: &dyn Fn(&Demonstration) -> Pose| -> Vec<Pose> {
         demonstrations.iter().map(f).collect()
     };
@@ -273,7 +379,7 @@ pub fn canonical_frames(demonstrations: &[Demonstration]) -> CanonicalFrames {
     } else {
         goal_frame.orientation
     };
-    CanonicalFrames { start, goal_frame, goal, positions_turn: true }
+    MeanFrames { start, goal_frame, goal }
 }
 
 /// The mean of poses.

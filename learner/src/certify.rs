@@ -5,7 +5,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use tprmp_model::skill_model::{Certificate, DemonstrationRollout, Manifold, Rollouts};
-use tprmp_rmpflow::frame_map::{Canonical, Displacement, FrameMap, FrameMotion, Pose};
+use tprmp_rmpflow::frame_map::{Canonical, FrameMotion, Pose};
 
 use crate::canonical::{CanonicalDemonstration, CanonicalSet};
 use crate::demonstration::Demonstration;
@@ -115,17 +115,17 @@ impl<'a> Examiner<'a> {
 
     /// The goal of the demonstrations where the goal frame is.
     fn goal(&self, goal_frame: &Pose) -> Pose {
-        let canonical = self.set.map.canonical();
-        goal_frame.compose(&canonical.goal_frame.inverse().compose(&canonical.goal))
+        let map = &self.set.map;
+        goal_frame.compose(&map.goal_frame().inverse().compose(&map.goal()))
     }
 
-    /// The certificate. `demonstrations` are the rollouts from the demonstrated starts, `stray` are
-    /// attractors that the fit found and left; `progress` is told after each rollout.
+    /// The certificate. `demonstrations` are the rollouts from the demonstrated starts, `faults` are
+    /// stretches of the valley that the fit left; `progress` is told after each rollout.
     #[must_use]
     pub fn certify(
         &self,
         demonstrations: &[DemonstrationRollout],
-        stray: u32,
+        faults: u32,
         seed: u64,
         progress: &mut dyn FnMut(),
     ) -> Certificate {
@@ -143,7 +143,7 @@ impl<'a> Examiner<'a> {
             displaced_frames: self.try_out(&displaced, progress),
             step_s: settings.step_s,
         };
-        certificate.failures = self.failures(&certificate, demonstrations, stray);
+        certificate.failures = self.failures(&certificate, demonstrations, faults);
         certificate
     }
 
@@ -167,6 +167,7 @@ impl<'a> Examiner<'a> {
                     position: shown.position.points[sample] + self.in_ball(linear, random),
                     rotation: DVec3::ZERO,
                 };
+                let phase = shown.phases[sample][0];
                 if self.skill.manifold.has_orientation() {
                     near.rotation = (shown.rotation.points[sample] + in_ball(angular, random))
                         .clamp_length_max(START_ANGLE_MAX_RAD);
@@ -174,10 +175,11 @@ impl<'a> Examiner<'a> {
                 if displaced {
                     frames.iter_mut().for_each(|frame| *frame = self.displaced(frame, random));
                 }
-                let displacement = displacement(map, self.skill, &frames);
+                let moved: Vec<_> = frames.iter().copied().map(FrameMotion::at_rest).collect();
+                let displacement = map.displace(&moved).expect("they are the skill's frames");
                 let goal_frame =
                     frames[usize::from(self.skill.goal_frame != self.skill.start_frame)];
-                let pose = map.forward(&displacement, &near);
+                let pose = map.forward(&displacement, phase, &near);
                 let pose = if self.skill.manifold == Manifold::R3S3 {
                     pose
                 } else {
@@ -190,8 +192,9 @@ impl<'a> Examiner<'a> {
 
     fn displaced(&self, frame: &Pose, random: &mut impl Rng) -> Pose {
         let settings = self.settings();
-        let canonical = self.set.map.canonical();
-        let way = (canonical.goal.position - canonical.start.position).length();
+        let points = self.set.map.anchors().iter().map(|anchor| anchor.point);
+        let way =
+            points.map(|point| (point - self.set.start.position).length()).fold(0.0, f64::max);
         let position =
             frame.position + self.in_ball(settings.frame_displacement_share * way, random);
         let turn = if self.skill.manifold == Manifold::R2 {
@@ -244,7 +247,6 @@ impl<'a> Examiner<'a> {
             reached: reached.count() as u32,
             goal_error_max_m: most(|o| o.goal_error_m),
             goal_error_max_rad: most(|o| o.goal_error_rad),
-            folded: outcomes.iter().filter(|o| o.folded).count() as u32,
             energy_rise_max: most(|o| o.energy_rise_max) / energy_at_start,
         }
     }
@@ -253,7 +255,7 @@ impl<'a> Examiner<'a> {
         &self,
         certificate: &Certificate,
         demonstrations: &[DemonstrationRollout],
-        stray: u32,
+        faults: u32,
     ) -> Vec<String> {
         let settings = self.settings();
         let mut failures = Vec::new();
@@ -281,6 +283,15 @@ impl<'a> Examiner<'a> {
                     block.goal_gradient
                 ));
             }
+            if let Some(valley) = &block.valley {
+                let least = valley.stiffness_min_1_s2;
+                if least.is_nan() || least <= 0.0 {
+                    failures.push(format!(
+                        "the {name} potential has no lowest point at some phase (stiffness \
+                         {least:.2e}/s²)"
+                    ));
+                }
+            }
             if block.goal_hessian_min_1_s2.is_nan() || block.goal_hessian_min_1_s2 <= 0.0 {
                 failures.push(format!(
                     "the goal is no minimum of the {name} potential (Hessian {:.2e}/s²)",
@@ -288,8 +299,10 @@ impl<'a> Examiner<'a> {
                 ));
             }
         }
-        if stray > 0 {
-            failures.push(format!("{stray} attractors besides the goal are left"));
+        if faults > 0 {
+            failures.push(format!(
+                "the potential does not fall towards the goal on {faults} stretches of its valley"
+            ));
         }
         for (rollouts, of) in [
             (&certificate.demonstrated_frames, "around the demonstrations"),
@@ -313,16 +326,6 @@ impl<'a> Examiner<'a> {
             }
         }
         failures
-    }
-}
-
-/// Frames at rest, as the canonical map takes them in.
-fn displacement(map: &FrameMap, skill: &Skill, frames: &[Pose]) -> Displacement {
-    let motion = |p: usize| FrameMotion::at_rest(frames[p]);
-    if skill.goal_frame == skill.start_frame {
-        map.displace_rigidly(&motion(0))
-    } else {
-        map.displace(&motion(0), &motion(1))
     }
 }
 

@@ -106,7 +106,7 @@ pub fn choose(
         skill.clone().with_components(end).map_err(LearnerError::Components)?;
     }
     let demonstrations = &with_start(skill, demonstrations);
-    let set = canonicalise(demonstrations, &skill.smoothing, &skill.scale)?;
+    let set = canonicalise(skill, demonstrations)?;
     let samples = Samples::new(skill, demonstrations, &set);
     let most = samples.components_max();
     let tried: Vec<usize> = range.clone().filter(|components| *components <= most).collect();

@@ -6,7 +6,6 @@
 //! ([`thesis`]) → certificate ([`certify`], [`rollout`]) → model. Demonstrations are files;
 //! [`record`] writes them from a live robot; [`plot`] draws what was learned.
 
-pub mod attractors;
 pub mod basis;
 pub mod canonical;
 pub mod certify;
@@ -31,3 +30,4 @@ pub mod targets;
 pub mod thesis;
 pub mod tp_gmm;
 pub mod train;
+pub mod valley;

@@ -20,7 +20,7 @@ use glam::{DQuat, DVec3};
 use tprmp_model::skill_model::{self, Manifold, SkillModel, sha256_hex};
 use tprmp_rmpflow::frame_map::{Canonical, Pose};
 
-use crate::canonical::mean_pose;
+use crate::canonical::{self, mean_pose};
 use crate::components::Choice;
 use crate::demonstration::{self, Demonstration};
 use crate::error::LearnerError;
@@ -233,9 +233,9 @@ fn pictures(skill: &Skill, shown: &[Demonstration]) -> Vec<Picture> {
     );
     if let Some(forces) = at_home.forces() {
         let caption = "Coloured by phase: where one component weighs more than all others. Arrows at the \
-                       means and at the goal: what each component adds to −∇Φ at the dot, attraction to \
+                       means: what each component adds to −∇Φ at the dot, attraction to \
                        its own minimum and the nominal force along the order of the components; at the \
-                       dot their sums, the background's part included.";
+                       dot their sums.";
         add("forces", home.forces(&forces), caption.into());
     }
     if let Some(figure) = orientation(&at_home, &home, &paths, shown) {
@@ -297,18 +297,26 @@ fn add_fields(
     );
 }
 
-/// The poses of a demonstration with these frames in canonical coordinates.
+/// The poses of a demonstration between its rests, with these frames, in canonical coordinates.
 fn canonical_path(skill: &Skill, shown: &Demonstration, frames: &[Pose]) -> Vec<Canonical> {
     let displacement = skill.displacement(frames);
-    let mut phase = 0.0;
-    let path = shown.poses.iter().map(|pose| {
-        let mut y = skill.map.inverse(&displacement, pose, &mut phase);
-        if !shown.manifold.has_orientation() {
-            y.rotation = DVec3::ZERO;
-        }
-        y
-    });
-    path.collect()
+    let moving = moving(&shown.poses);
+    let mut path = canonical::canonical_path(&skill.map, &displacement, &shown.poses[moving]);
+    if !shown.manifold.has_orientation() {
+        path.iter_mut().for_each(|y| y.rotation = DVec3::ZERO);
+    }
+    path
+}
+
+/// The poses between the rests before and after a motion.
+fn moving(poses: &[Pose]) -> std::ops::Range<usize> {
+    let last = poses.len() - 1;
+    let apart = |a: &Pose, b: &Pose| (a.position - b.position).length();
+    let far = poses.iter().map(|pose| apart(pose, &poses[0])).fold(0.0, f64::max) * REST_SHARE;
+    let first = poses.iter().position(|pose| apart(pose, &poses[0]) > far).unwrap_or(1) - 1;
+    let end = poses.iter().rposition(|pose| apart(pose, &poses[last]) > far);
+    let end = end.map_or(last, |i| i + 1).max(first + 1);
+    first..end + 1
 }
 
 /// Positions of a demonstration in a frame [m].
@@ -319,25 +327,25 @@ fn from_frame(shown: &Demonstration, frame: &Pose) -> Vec<DVec3> {
 
 /// The frames where all demonstrations share them: in canonical coordinates, or in the mean.
 fn home(skill: &Skill, frames: &[(&str, Vec<Pose>)]) -> Vec<Pose> {
-    let canonical = skill.map.canonical();
-    let place = |(name, poses): &(&str, Vec<Pose>)| match *name {
-        name if name == skill.model.goal_frame => canonical.goal_frame,
-        name if name == skill.model.start_frame => canonical.start,
-        _ => mean_pose(poses),
+    let anchors = skill.map.anchors();
+    let place = |(index, (_, poses)): (usize, &(&str, Vec<Pose>))| {
+        let anchor = anchors.iter().find(|anchor| anchor.index == index);
+        anchor.map_or_else(|| mean_pose(poses), |anchor| anchor.frame)
     };
-    frames.iter().map(place).collect()
+    frames.iter().enumerate().map(place).collect()
 }
 
 /// Frames to adapt to, each with its name and what it is: the start frame moved, where there is one,
 /// and the goal frame moved and turned.
 fn displaced(skill: &Skill, home: &[Pose]) -> Vec<(&'static str, Vec<Pose>, String)> {
-    let canonical = skill.map.canonical();
-    let way = canonical.goal.position - canonical.start.position;
+    let start = DVec3::from_array(skill.model.canonical.start.position_m);
+    let way = skill.map.goal().position - start;
     // Level, so that nothing is moved into the table.
     let on = way.with_z(0.0).normalize_or(DVec3::X);
+    let way = skill.way();
     let aside = DVec3::Z.cross(on);
-    let start_shift = aside * START_ASIDE * way.length();
-    let goal_shift = (on * GOAL_ON + aside * GOAL_ASIDE) * way.length();
+    let start_shift = aside * START_ASIDE * way;
+    let goal_shift = (on * GOAL_ON + aside * GOAL_ASIDE) * way;
     let turn = DQuat::from_rotation_z(GOAL_TURN_DEG.to_radians());
     let metres = |shift: DVec3| format!("({:.2}, {:.2}) m in x and y", shift.x, shift.y);
     let goal_frame = usize::from(!skill.single_frame());
@@ -370,12 +378,11 @@ fn orientation(
     if !model.manifold.has_orientation() {
         return None;
     }
-    let moving: Vec<Vec<Canonical>> = paths.iter().map(|path| without_rest(path)).collect();
-    let durations = moving
+    let durations = paths
         .iter()
         .zip(demonstrations)
         .map(|(path, d)| (path.len() - 1) as f64 * d.sampling_time_s);
-    let duration_s = durations.sum::<f64>() / moving.len() as f64;
+    let duration_s = durations.sum::<f64>() / paths.len() as f64;
     let first = model.manifold.position_dimension();
     let bands: Vec<OrientationBand> = model
         .gaussians
@@ -388,17 +395,7 @@ fn orientation(
             })),
         })
         .collect();
-    Some(figures::orientation(&moving, shown.rollouts(), &scene.goal, &bands, duration_s))
-}
-
-/// A path without the rest before and after its motion.
-fn without_rest(path: &[Canonical]) -> Vec<Canonical> {
-    let last = path.len() - 1;
-    let apart = |a: &Canonical, b: &Canonical| (a.position - b.position).length();
-    let far = path.iter().map(|y| apart(y, &path[0])).fold(0.0, f64::max) * REST_SHARE;
-    let first = path.iter().position(|y| apart(y, &path[0]) > far).unwrap_or(1) - 1;
-    let end = path.iter().rposition(|y| apart(y, &path[last]) > far).map_or(last, |i| i + 1);
-    path[first..=end.max(first + 1)].to_vec()
+    Some(figures::orientation(paths, shown.rollouts(), &scene.goal, &bands, duration_s))
 }
 
 /// Whether the certificate holds, and what it fails.

@@ -78,6 +78,9 @@ pub fn inspected(model: &SkillModel) -> String {
     pose(&mut text, "start frame", &model.canonical.start);
     pose(&mut text, "goal frame", &model.canonical.goal_frame);
     pose(&mut text, "goal", &model.canonical.goal);
+    for way in &model.canonical.waypoints {
+        pose(&mut text, &format!("{} at {:.2}", way.frame, way.phase), &way.pose);
+    }
     match &model.policy {
         Policy::Canonical { position, orientation } => {
             field(&mut text, "position", "m", position);
@@ -135,7 +138,7 @@ fn pose(text: &mut String, label: &str, pose: &Pose) {
 fn field(text: &mut String, block: &str, unit: &str, field: &FieldModel) {
     writeln!(
         text,
-        "\n{block} field, d = {} 1/s\ncomponent  potential [{unit}²/s²]  mean [{unit}]",
+        "\n{block} field, d = {} 1/s\ncomponent  potential [{unit}²/s²]  mean [{unit}], phase",
         field.damping_1_s
     )
     .expect("a string grows");
@@ -244,6 +247,14 @@ fn certificate(text: &mut String, certificate: &Certificate) {
                 block.goal_hessian_min_1_s2
             ),
         );
+        if let Some(valley) = &block.valley {
+            let told = format!(
+                "valley: stiffness ≥ {:.2} M everywhere, falls towards the goal by at least {:.2e} a \
+                 phase, at {} phases",
+                valley.stiffness_min_1_s2, valley.descent_min, valley.phases
+            );
+            line(text, "", &told);
+        }
     }
     for (label, rollouts) in [
         ("  starts", &certificate.demonstrated_frames),
@@ -254,14 +265,13 @@ fn certificate(text: &mut String, certificate: &Certificate) {
             label,
             &format!(
                 "{} of {} reach the goal, worst end {:.4} mm, {:.4}°; energy rises by {:.1e} in a \
-                 step of {} s; the frame map folds on {} ways",
+                 step of {} s",
                 rollouts.reached,
                 rollouts.starts,
                 rollouts.goal_error_max_m * 1e3,
                 rollouts.goal_error_max_rad.to_degrees(),
                 rollouts.energy_rise_max,
-                certificate.step_s,
-                rollouts.folded
+                certificate.step_s
             ),
         );
     }

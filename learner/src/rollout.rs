@@ -34,10 +34,8 @@ pub struct Outcome {
     pub goal_error_rad: f64,
     /// V at the start above that at the goal.
     pub energy_at_start: f64,
-    /// Largest rise of V in a step between poses at which the map of the frames does not fold.
+    /// Largest rise of V in a step.
     pub energy_rise_max: f64,
-    /// Whether the map of the frames folded on the way.
-    pub folded: bool,
 }
 
 /// Follows a policy from rest by the semi-implicit Euler rule; `each` is told every pose, the
@@ -50,12 +48,11 @@ pub fn follow(
 ) -> Outcome {
     let Course { start, goal, step_s, steps, arrived } = *course;
     let turns = manifold.has_orientation();
-    let at_goal = situation.evaluate(&goal, DVec3::ZERO, DVec3::ZERO).energy;
+    let at_goal = situation.energy_at(&goal);
     let (mut pose, mut linear, mut angular) = (start, DVec3::ZERO, DVec3::ZERO);
     let mut value = situation.evaluate(&pose, linear, angular);
     let energy_at_start = value.energy - at_goal;
     let mut energy_rise_max: f64 = 0.0;
-    let mut folded = value.folds;
     each(&pose);
     for _ in 0..steps {
         let Some([a, alpha]) = acceleration(&value, manifold) else { break };
@@ -69,12 +66,10 @@ pub fn follow(
             break;
         }
         let before = value;
+        situation.advance(&value, a, alpha, step_s);
         pose = next;
         value = situation.evaluate(&pose, linear, angular);
-        folded |= value.folds;
-        if !(before.folds || value.folds) {
-            energy_rise_max = energy_rise_max.max(value.energy - before.energy);
-        }
+        energy_rise_max = energy_rise_max.max(value.energy - before.energy);
         each(&pose);
         let near = |[metres, radians]: [f64; 2]| {
             let far = (pose.position - goal.position).length();
@@ -94,7 +89,6 @@ pub fn follow(
         goal_error_rad: if turns { pose.rotation_from(&goal).length() } else { 0.0 },
         energy_at_start,
         energy_rise_max,
-        folded,
     }
 }
 

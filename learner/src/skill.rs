@@ -10,7 +10,7 @@ use crate::demonstration::DURATION_MAX_S;
 use crate::error::{LearnerError, read_text};
 
 /// Schema version this module reads.
-pub const SCHEMA: &str = "tprmp-skill/2";
+pub const SCHEMA: &str = "tprmp-skill/3";
 /// Most steps of a rollout of the certificate.
 const ROLLOUT_STEPS_MAX: f64 = 1e6;
 
@@ -140,18 +140,12 @@ pub enum Initialisation {
 pub struct FieldSettings {
     /// Damping d in B = d M [1/s].
     pub damping_1_s: f64,
-    /// σ₀: Λ_k = (C_k + σ₀² I)⁻¹ [ŷ].
+    /// σ₀: M_k = γ (C_k + σ₀² I)⁻¹ [ŷ].
     pub activation_width: f64,
-    /// σ_G: Λ_G = I/σ_G² [ŷ].
-    pub goal_width: f64,
-    /// q₀: the background has the density exp(−q₀²/2) [standard deviations].
-    pub background_distance: f64,
-    /// γ: M_k = γ Λ_k.
+    /// Width over which components pass into each other, as a share of the phase between two of them.
+    pub phase_overlap: f64,
+    /// γ in M_k.
     pub metric_scale: f64,
-    /// Rounding a of the background's cone [ŷ].
-    pub softening: f64,
-    /// Least slope k₀ of the background, in units of m̄ d [ŷ/s].
-    pub background_slope_min: f64,
     /// Offsets of the tube points from the demonstrations [ŷ].
     pub tube_offsets: Vec<f64>,
     /// Every how many samples there are tube points.
@@ -174,16 +168,14 @@ pub struct FieldSettings {
     pub descent_goal_radius: f64,
     /// Every how many samples descent is demanded.
     pub descent_stride: usize,
-    /// Points per axis of the grid on which descent is demanded, plane.
-    pub grid_points_per_axis: usize,
-    /// Seeded random points in place of the grid, space.
-    pub grid_points_random: usize,
-    /// Margin of the grid around the demonstrations [ŷ].
-    pub grid_margin: f64,
-    /// Radii of rings around the goal on which descent is demanded, plane [ŷ].
-    pub goal_rings: Vec<f64>,
-    /// Points per ring.
-    pub goal_ring_points: usize,
+    /// Seeded random points at which descent is demanded besides.
+    pub descent_points_random: usize,
+    /// How far in each coordinate they lie from the demonstrations [ŷ].
+    pub descent_radius: f64,
+    /// How far in the phase, times its length [ŷ].
+    pub descent_phase_radius: f64,
+    /// Least stiffness of each component across the way, relative to its metric [1/s²].
+    pub stiffness_min_1_s2: f64,
     /// Least Hessian at the goal, relative to the metric [1/s²].
     pub goal_hessian_min_1_s2: f64,
     /// λ: weight of ‖C p‖².
@@ -380,9 +372,7 @@ impl Skill {
             FitSettings::Canonical(f) => counts.extend([
                 ("fit.tube_stride", f.tube_stride, 1, 1000),
                 ("fit.descent_stride", f.descent_stride, 1, 1000),
-                ("fit.grid_points_per_axis", f.grid_points_per_axis, 2, 100),
-                ("fit.grid_points_random", f.grid_points_random, 1, 10_000),
-                ("fit.goal_ring_points", f.goal_ring_points, 3, 100),
+                ("fit.descent_points_random", f.descent_points_random, 1, 10_000),
             ]),
             FitSettings::Thesis(t) => counts.push(("fit.stride", t.stride, 1, 1000)),
         }
@@ -410,11 +400,8 @@ impl FieldSettings {
         let mut values = vec![
             ("fit.damping_1_s", self.damping_1_s),
             ("fit.activation_width", self.activation_width),
-            ("fit.goal_width", self.goal_width),
-            ("fit.background_distance", self.background_distance),
+            ("fit.phase_overlap", self.phase_overlap),
             ("fit.metric_scale", self.metric_scale),
-            ("fit.softening", self.softening),
-            ("fit.background_slope_min", self.background_slope_min),
             ("fit.tube_weight", self.tube_weight),
             ("fit.tube_attraction_1_s", self.tube_attraction_1_s),
             ("fit.tube_speed_min", self.tube_speed_min),
@@ -423,13 +410,14 @@ impl FieldSettings {
             ("fit.descent_slowdown", self.descent_slowdown),
             ("fit.descent_attraction", self.descent_attraction),
             ("fit.descent_goal_radius", self.descent_goal_radius),
-            ("fit.grid_margin", self.grid_margin),
+            ("fit.descent_radius", self.descent_radius),
+            ("fit.descent_phase_radius", self.descent_phase_radius),
+            ("fit.stiffness_min_1_s2", self.stiffness_min_1_s2),
             ("fit.goal_hessian_min_1_s2", self.goal_hessian_min_1_s2),
             ("fit.regularisation", self.regularisation),
             ("fit.regularisation_length", self.regularisation_length),
         ];
         values.extend(self.tube_offsets.iter().map(|x| ("fit.tube_offsets", *x)));
-        values.extend(self.goal_rings.iter().map(|x| ("fit.goal_rings", *x)));
         values
     }
 }

@@ -7,37 +7,37 @@ use rand::Rng;
 use crate::basis::axis;
 use crate::skill::FieldSettings;
 
-/// A demonstration of one block in normalised coordinates ŷ.
+/// A demonstration of one block in normalised coordinates ẑ: ŷ, and last the phase times its length.
 #[derive(Clone, Debug)]
-pub struct BlockPath<const D: usize> {
+pub struct BlockPath<const N: usize> {
     /// Points [ŷ].
-    pub points: Vec<SVector<f64, D>>,
+    pub points: Vec<SVector<f64, N>>,
     /// Velocities [ŷ/s].
-    pub velocities: Vec<SVector<f64, D>>,
+    pub velocities: Vec<SVector<f64, N>>,
     /// Accelerations [ŷ/s²].
-    pub accelerations: Vec<SVector<f64, D>>,
+    pub accelerations: Vec<SVector<f64, N>>,
 }
 
 /// The field is asked for this acceleration at this point and velocity.
 #[derive(Clone, Copy, Debug)]
-pub struct Target<const D: usize> {
+pub struct Target<const N: usize> {
     /// Point [ŷ].
-    pub point: SVector<f64, D>,
+    pub point: SVector<f64, N>,
     /// Velocity [ŷ/s].
-    pub velocity: SVector<f64, D>,
+    pub velocity: SVector<f64, N>,
     /// Acceleration [ŷ/s²].
-    pub acceleration: SVector<f64, D>,
+    pub acceleration: SVector<f64, N>,
     /// Weight; those of the demonstrations sum to one.
     pub weight: f64,
 }
 
 /// The field is asked to descend at this point in this direction.
 #[derive(Clone, Copy, Debug)]
-pub struct Descent<const D: usize> {
+pub struct Descent<const N: usize> {
     /// Point [ŷ].
-    pub point: SVector<f64, D>,
+    pub point: SVector<f64, N>,
     /// Unit direction.
-    pub direction: SVector<f64, D>,
+    pub direction: SVector<f64, N>,
     /// Share of the demanded speed, which falls towards the goal.
     pub share: f64,
 }
@@ -47,17 +47,17 @@ pub struct Descent<const D: usize> {
 const SAMPLES_MIN: usize = 10;
 /// Points nearer to the goal have no direction to it [ŷ].
 const AT_GOAL: f64 = 1e-6;
-/// Grid points nearer to the goal are left to the rings and the Hessian [ŷ].
-const GRID_GOAL_DISTANCE_MIN: f64 = 0.02;
+/// Random points nearer to the goal are left to the Hessian [ŷ].
+const GOAL_DISTANCE_MIN: f64 = 0.02;
 /// A tube point is dropped when another part of the path is nearer than this share of its offset.
 const TUBE_CLEARANCE: f64 = 0.75;
 
 /// A point and a velocity of a demonstration.
-type Sample<const D: usize> = (SVector<f64, D>, SVector<f64, D>);
+type Sample<const N: usize> = (SVector<f64, N>, SVector<f64, N>);
 
-impl<const D: usize> BlockPath<D> {
+impl<const N: usize> BlockPath<N> {
     /// Every so many samples, from the first on.
-    fn every(&self, stride: usize) -> impl Iterator<Item = Sample<D>> + '_ {
+    fn every(&self, stride: usize) -> impl Iterator<Item = Sample<N>> + '_ {
         let stride = stride.min((self.points.len() / SAMPLES_MIN).max(1));
         self.points.iter().copied().zip(self.velocities.iter().copied()).step_by(stride)
     }
@@ -65,7 +65,7 @@ impl<const D: usize> BlockPath<D> {
 
 /// Samples of the demonstrations, and of the tube beside them, from which the field leads back.
 #[must_use]
-pub fn targets<const D: usize>(paths: &[BlockPath<D>], settings: &FieldSettings) -> Vec<Target<D>> {
+pub fn targets<const N: usize>(paths: &[BlockPath<N>], settings: &FieldSettings) -> Vec<Target<N>> {
     let shown: Vec<_> = sparse_samples(paths, settings);
     let mut targets = Vec::new();
     for path in paths {
@@ -81,7 +81,7 @@ pub fn targets<const D: usize>(paths: &[BlockPath<D>], settings: &FieldSettings)
             });
         }
         let tube: Vec<_> = path.every(settings.tube_stride).collect();
-        let count = tube.len() * paths.len() * 2 * (D - 1) * settings.tube_offsets.len();
+        let count = tube.len() * paths.len() * 2 * (N - 1) * settings.tube_offsets.len();
         let weight = settings.tube_weight / count as f64;
         for (point, velocity) in tube {
             if velocity.norm() <= settings.tube_speed_min {
@@ -109,23 +109,23 @@ pub fn targets<const D: usize>(paths: &[BlockPath<D>], settings: &FieldSettings)
     targets
 }
 
-fn sparse_samples<const D: usize>(
-    paths: &[BlockPath<D>],
+fn sparse_samples<const N: usize>(
+    paths: &[BlockPath<N>],
     settings: &FieldSettings,
-) -> Vec<Sample<D>> {
+) -> Vec<Sample<N>> {
     paths.iter().flat_map(|path| path.every(settings.descent_stride)).collect()
 }
 
-/// Unit vectors across a velocity: two in the plane, four in space.
-fn normals<const D: usize>(velocity: &SVector<f64, D>) -> Vec<SVector<f64, D>> {
+/// Unit vectors across a velocity, a pair for each dimension but one.
+fn normals<const N: usize>(velocity: &SVector<f64, N>) -> Vec<SVector<f64, N>> {
     let along = velocity.normalize();
-    let mut across: Vec<SVector<f64, D>> = Vec::with_capacity(2 * (D - 1));
+    let mut across: Vec<SVector<f64, N>> = Vec::with_capacity(2 * (N - 1));
     // Gram–Schmidt, each time from the axis that lies best across what there is: never degenerate,
     // whichever way the demonstration runs.
-    while across.len() < 2 * (D - 1) {
-        let best = (0..D)
+    while across.len() < 2 * (N - 1) {
+        let best = (0..N)
             .map(|index| {
-                let unit = axis::<D>(index, 1.0);
+                let unit = axis::<N>(index, 1.0);
                 let mut rest = unit - along * along.dot(&unit);
                 for n in across.iter().step_by(2) {
                     rest -= n * n.dot(&unit);
@@ -143,75 +143,48 @@ fn normals<const D: usize>(velocity: &SVector<f64, D>) -> Vec<SVector<f64, D>> {
 
 /// Knows in which direction the field must descend at any point.
 #[derive(Clone, Debug)]
-pub struct Guide<'a, const D: usize> {
-    shown: Vec<Sample<D>>,
-    goal: SVector<f64, D>,
-    low: SVector<f64, D>,
-    high: SVector<f64, D>,
+pub struct Guide<'a, const N: usize> {
+    shown: Vec<Sample<N>>,
+    goal: SVector<f64, N>,
     settings: &'a FieldSettings,
 }
 
-impl<'a, const D: usize> Guide<'a, D> {
+impl<'a, const N: usize> Guide<'a, N> {
     /// A guide along these demonstrations.
     #[must_use]
     pub fn new(
-        paths: &[BlockPath<D>],
-        goal: &SVector<f64, D>,
+        paths: &[BlockPath<N>],
+        goal: &SVector<f64, N>,
         settings: &'a FieldSettings,
     ) -> Self {
-        let shown = sparse_samples(paths, settings);
-        let mut low = SVector::<f64, D>::repeat(f64::INFINITY);
-        let mut high = -low;
-        for (point, _) in &shown {
-            low = low.inf(point);
-            high = high.sup(point);
-        }
-        Self { shown, goal: *goal, low, high, settings }
+        Self { shown: sparse_samples(paths, settings), goal: *goal, settings }
     }
 
-    /// A random point in the box around the demonstrations, widened by a margin.
-    pub fn random_point(&self, margin: f64, random: &mut impl Rng) -> SVector<f64, D> {
-        let (low, high) = (self.low.add_scalar(-margin), self.high.add_scalar(margin));
-        SVector::from_fn(|a, _| low[a] + (high[a] - low[a]) * random.random_range(0.0..1.0))
-    }
-
-    /// Where descent is demanded: a grid (seeded random points in space) around the
-    /// demonstrations, samples of them, and in the plane rings around the goal.
-    pub fn descents(&self, random: &mut impl Rng) -> Vec<Descent<D>> {
+    /// Where descent is demanded: seeded random points around the demonstrations, and samples of
+    /// them.
+    pub fn descents(&self, random: &mut impl Rng) -> Vec<Descent<N>> {
         let settings = self.settings;
-        let margin = settings.grid_margin;
         let mut points = Vec::new();
-        if D == 2 {
-            let (low, high) = (self.low.add_scalar(-margin), self.high.add_scalar(margin));
-            let count = settings.grid_points_per_axis;
-            for i in 0..count * count {
-                let share = [i / count, i % count].map(|j| j as f64 / (count - 1) as f64);
-                points.push(SVector::from_fn(|a, _| low[a] + (high[a] - low[a]) * share[a]));
+        for _ in 0..settings.descent_points_random {
+            let (mut point, _) = self.shown[random.random_range(0..self.shown.len())];
+            for i in 0..N {
+                let last = i == N - 1;
+                let radius =
+                    if last { settings.descent_phase_radius } else { settings.descent_radius };
+                point[i] += radius * random.random_range(-1.0..1.0);
             }
-        } else {
-            points.extend(
-                (0..settings.grid_points_random).map(|_| self.random_point(margin, random)),
-            );
+            points.push(point);
         }
-        points.retain(|y| (y - self.goal).norm() > GRID_GOAL_DISTANCE_MIN);
+        points.retain(|z| (z - self.goal).norm() > GOAL_DISTANCE_MIN);
         points.extend(self.shown.iter().map(|(point, _)| *point));
-        if D == 2 {
-            for radius in &settings.goal_rings {
-                for i in 0..settings.goal_ring_points {
-                    let angle = std::f64::consts::TAU * i as f64 / settings.goal_ring_points as f64;
-                    let unit = [angle.cos(), angle.sin()];
-                    points.push(self.goal + SVector::from_fn(|a, _| radius * unit[a]));
-                }
-            }
-        }
-        points.retain(|y| (y - self.goal).norm() > AT_GOAL);
+        points.retain(|z| (z - self.goal).norm() > AT_GOAL);
         points.into_iter().map(|point| self.descent(point)).collect()
     }
 
     /// The demonstrated direction of the nearest sample, bent towards it, and near the goal
     /// towards the goal.
     #[must_use]
-    pub fn descent(&self, point: SVector<f64, D>) -> Descent<D> {
+    pub fn descent(&self, point: SVector<f64, N>) -> Descent<N> {
         let settings = self.settings;
         let (near_point, near_velocity) = self
             .shown

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model;
 use tprmp_rmpflow::frame_map::Pose;
 
-use crate::canonical::CanonicalSet;
+use crate::canonical::{CanonicalSet, phase_of_time};
 use crate::demonstration::Demonstration;
 use crate::em::{
     Data, Gaussian, Maximised, Settings, Topology, View, gaussians, in_order, maximise, mean_times,
@@ -40,7 +40,9 @@ pub struct Samples {
     times: Vec<f64>,
     /// Length of each demonstration up to each sample, as a share of its whole length.
     lengths: Vec<f64>,
-    /// Mean length of the canonical paths: what the time is multiplied by where it is a
+    /// Phase of each sample.
+    phases: Vec<f64>,
+    /// Mean length of the canonical paths: what time and phase are multiplied by where they are a
     /// coordinate.
     mean_length: f64,
 }
@@ -54,6 +56,10 @@ pub struct TpGmm {
     pub phases: Vec<f64>,
     /// Gaussians in canonical coordinates.
     pub canonical: Vec<Gaussian>,
+    /// The same in canonical coordinates and the phase, times [`TpGmm::phase_length`], as the last one.
+    pub phased: Vec<Gaussian>,
+    /// Length that the phase stands for: the mean of the canonical paths'.
+    pub phase_length: f64,
     /// Gaussians seen from each frame.
     pub frames: Vec<(String, Vec<Gaussian>)>,
     /// Mean log-likelihood of a sample after each iteration [nat].
@@ -86,7 +92,8 @@ impl Samples {
     pub fn new(skill: &Skill, demonstrations: &[Demonstration], set: &CanonicalSet) -> Self {
         let count = frames(skill, &demonstrations[0]).len();
         let frames = (0..count).map(|p| frame_view(skill, demonstrations, set, p)).collect();
-        Self { frames, ..Self::canonical(&joint_paths(skill, set)) }
+        let phases = set.demonstrations.iter().flat_map(|d| &d.phases).map(|phase| phase[0]);
+        Self { frames, phases: phases.collect(), ..Self::canonical(&joint_paths(skill, set)) }
     }
 
     /// The samples of paths in canonical coordinates alone, seen from no frame.
@@ -111,7 +118,8 @@ impl Samples {
         let euclidean = DMatrix::from_columns(&columns);
         let canonical = View { euclidean, orientations: None, rotation_scale: 1.0 };
         let mean_length = whole / joint.len() as f64;
-        Self { canonical, frames: Vec::new(), sequences, times, lengths, mean_length }
+        let phases = times.iter().map(|time| phase_of_time(*time)).collect();
+        Self { canonical, frames: Vec::new(), sequences, times, lengths, phases, mean_length }
     }
 
     /// How many.
@@ -139,6 +147,16 @@ impl Samples {
         let mut euclidean = DMatrix::zeros(n + 1, self.len());
         euclidean.rows_mut(0, 1).copy_from(&times);
         euclidean.rows_mut(1, n).copy_from(&self.canonical.euclidean);
+        View { euclidean, orientations: None, rotation_scale: 1.0 }
+    }
+
+    /// Canonical coordinates before the phase, which is stretched to the length of the path.
+    fn phased(&self) -> View {
+        let n = self.canonical.euclidean.nrows();
+        let mut euclidean = self.canonical.euclidean.clone().insert_row(n, 0.0);
+        for (entry, phase) in euclidean.row_mut(n).iter_mut().zip(&self.phases) {
+            *entry = phase * self.mean_length;
+        }
         View { euclidean, orientations: None, rotation_scale: 1.0 }
     }
 
@@ -225,6 +243,8 @@ impl Samples {
             priors,
             phases: times,
             canonical: scaled(&self.canonical),
+            phased: scaled(&self.phased()),
+            phase_length: self.mean_length,
             frames: self.frames.iter().map(|(name, view)| (name.clone(), scaled(view))).collect(),
             log_likelihoods,
             parameters,

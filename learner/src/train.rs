@@ -8,23 +8,24 @@ use nalgebra::{SMatrix, SVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model::{
-    Certificate, DemonstrationRollout, FieldModel, Fit, FrameMixture, Policy, ProgramFit,
-    Provenance, SkillModel, Source,
+    Canonical, Certificate, DemonstrationRollout, FieldModel, Fit, FrameMixture, Policy,
+    ProgramFit, Provenance, SkillModel, Source, Waypoint,
 };
+use tprmp_rmpflow::frame_map::Anchor;
 
-use crate::canonical::{CanonicalSet, canonicalise, mean_start};
+use crate::canonical::{CanonicalDemonstration, CanonicalSet, canonicalise, mean_start};
 use crate::certify::Examiner;
 use crate::components::{self, Choice, Components};
 use crate::demonstration::{self, Demonstration};
 use crate::error::LearnerError;
-use crate::fit::{STRAY_ATTRACTORS, fit, shape};
+use crate::fit::{VALLEY_FAULTS, fit, shape};
 use crate::plausibility;
 use crate::policy::Learned;
 use crate::savitzky_golay::Path;
 use crate::skill::{FieldSettings, FitSettings, Skill};
 use crate::targets::BlockPath;
 use crate::thesis;
-use crate::tp_gmm::{Samples, TpGmm, uninformative_frames};
+use crate::tp_gmm::{Samples, TpGmm, frames, uninformative_frames};
 
 /// A demonstration is warned of when it is left by more than this share of the skill's span.
 const PATH_SHARE_MAX: f64 = 0.05;
@@ -131,20 +132,21 @@ pub fn learn(
     let demonstrations = &with_start(skill, demonstrations);
     let names: Vec<&str> = demonstrations.iter().map(|d| d.name.as_str()).collect();
     let fitted = Fitted::new(skill, demonstrations, seed, &mut |done| clock.step(done));
-    let Fitted { set, mixture, frames, policy, programs } = blaming(fitted, &names, |left_out| {
-        let mut others = demonstrations.clone();
-        others.remove(left_out);
-        Fitted::new(skill, &others, seed, &mut |_| {}).is_ok()
-    })?;
+    let Fitted { set, mixture, frames: mixtures, policy, programs } =
+        blaming(fitted, &names, |left_out| {
+            let mut others = demonstrations.clone();
+            others.remove(left_out);
+            Fitted::new(skill, &others, seed, &mut |_| {}).is_ok()
+        })?;
     let mut model = SkillModel {
         skill: skill.skill.clone(),
         manifold: skill.manifold,
         tool_frame: skill.tool_frame.clone(),
         start_frame: skill.start_frame.clone(),
         goal_frame: skill.goal_frame.clone(),
-        canonical: (*set.map.canonical()).into(),
+        canonical: stored_canonical(skill, demonstrations, &set),
         gaussians: mixture.stored_canonical(skill, set.scales),
-        frames,
+        frames: mixtures,
         policy,
         fit: Fit {
             em_iterations: skill.mixture.iterations,
@@ -169,10 +171,10 @@ pub fn learn(
     let examiner = Examiner::new(skill, demonstrations, &set, &policy);
     model.fit.demonstrations = examiner.follow_demonstrations();
     clock.step("demonstrated starts");
-    let stray = figure_sum(&model.fit.programs, STRAY_ATTRACTORS) as u32;
+    let faults = figure_sum(&model.fit.programs, VALLEY_FAULTS) as u32;
     let told = &mut *clock.progress;
     model.certificate =
-        examiner.certify(&model.fit.demonstrations, stray, seed, &mut || told("random starts"));
+        examiner.certify(&model.fit.demonstrations, faults, seed, &mut || told("random starts"));
     clock.step("certificate");
 
     let mut warnings = plausibility::warnings(demonstrations);
@@ -200,7 +202,7 @@ impl Fitted {
         seed: u64,
         done: &mut dyn FnMut(&'static str),
     ) -> Result<Self, LearnerError> {
-        let set = canonicalise(demonstrations, &skill.smoothing, &skill.scale)?;
+        let set = canonicalise(skill, demonstrations)?;
         done("canonical coordinates");
         let samples = Samples::new(skill, demonstrations, &set);
         let mixture = samples.learn(skill, skill.mixture.components, seed)?;
@@ -220,6 +222,32 @@ impl Fitted {
             }
         };
         Ok(Self { set, mixture, frames, policy, programs })
+    }
+}
+
+/// Frames and goal as the model file stores them.
+fn stored_canonical(
+    skill: &Skill,
+    demonstrations: &[Demonstration],
+    set: &CanonicalSet,
+) -> Canonical {
+    let map = &set.map;
+    let names: Vec<String> =
+        frames(skill, &demonstrations[0]).into_iter().map(|(name, _)| name).collect();
+    let waypoint = |anchor: &Anchor| Waypoint {
+        frame: names[anchor.index].clone(),
+        pose: anchor.frame.into(),
+        point_m: anchor.point.to_array(),
+        phase: anchor.phase,
+    };
+    let ends = [&skill.start_frame, &skill.goal_frame];
+    let ways = map.anchors().iter().filter(|anchor| !ends.contains(&&names[anchor.index]));
+    Canonical {
+        start: set.start.into(),
+        goal_frame: map.goal_frame().into(),
+        goal: map.goal().into(),
+        positions_turn: map.positions_turn(),
+        waypoints: ways.map(waypoint).collect(),
     }
 }
 
@@ -265,13 +293,13 @@ impl CanonicalParts<'_> {
                 name: "position field",
                 paths: shown.iter().map(|d| d.position.clone()).collect(),
                 scale: self.set.scales[0],
-                goal: self.set.map.canonical().goal.position,
+                goal: self.set.map.goal().position,
                 first: 0,
             };
             if manifold.position_dimension() == 2 {
-                part.fit::<2>(self, &mut random(0))
-            } else {
                 part.fit::<3>(self, &mut random(0))
+            } else {
+                part.fit::<4>(self, &mut random(0))
             }
         };
         let orientation = || {
@@ -282,7 +310,7 @@ impl CanonicalParts<'_> {
                 goal: DVec3::ZERO,
                 first: manifold.position_dimension(),
             };
-            manifold.has_orientation().then(|| part.fit::<3>(self, &mut random(3)))
+            manifold.has_orientation().then(|| part.fit::<4>(self, &mut random(3)))
         };
         let (position, orientation) = rayon::join(position, orientation);
         let (position, figures) = position?;
@@ -311,38 +339,50 @@ struct BlockPart {
 }
 
 impl BlockPart {
-    fn fit<const D: usize>(
+    /// Fits the field on the block's coordinates and the phase, N together.
+    fn fit<const N: usize>(
         &self,
         parts: &CanonicalParts,
         random: &mut ChaCha8Rng,
     ) -> Result<(FieldModel, ProgramFit), LearnerError> {
-        let at = self.first;
-        let normalised =
-            |y: &DVec3| SVector::<f64, D>::from_fn(|i, _| y.to_array()[i] * self.scale);
-        let all = |points: &[DVec3]| points.iter().map(normalised).collect();
+        let length = parts.mixture.phase_length;
+        let normalised = |y: &DVec3, phase: f64| {
+            let block = y.to_array();
+            let entry = |i| if i + 1 < N { block[i] * self.scale } else { phase * length };
+            SVector::<f64, N>::from_fn(|i, _| entry(i))
+        };
+        let all = |points: &[DVec3], phases: &[[f64; 3]], derivative: usize| {
+            points.iter().zip(phases).map(|(y, s)| normalised(y, s[derivative])).collect()
+        };
         let paths: Vec<_> = self
             .paths
             .iter()
-            .map(|path| BlockPath {
-                points: all(&path.points),
-                velocities: all(&path.velocities),
-                accelerations: all(&path.accelerations),
+            .zip(&parts.set.demonstrations)
+            .map(|(path, CanonicalDemonstration { phases, .. })| BlockPath {
+                points: all(&path.points, phases, 0),
+                velocities: all(&path.velocities, phases, 1),
+                accelerations: all(&path.accelerations, phases, 2),
             })
             .collect();
-        let gaussians = &parts.mixture.canonical;
+        // The block's rows and columns of the joint Gaussians, and the phase's.
+        let gaussians = &parts.mixture.phased;
+        let at = |i: usize| {
+            if i + 1 < N { self.first + i } else { gaussians[0].mean.len() - 1 }
+        };
         let means: Vec<_> =
-            gaussians.iter().map(|g| SVector::<f64, D>::from_fn(|i, _| g.mean[at + i])).collect();
+            gaussians.iter().map(|g| SVector::<f64, N>::from_fn(|i, _| g.mean[at(i)])).collect();
         let covariances: Vec<_> = gaussians
             .iter()
-            .map(|g| SMatrix::<f64, D, D>::from_fn(|i, j| g.covariance[(at + i, at + j)]))
+            .map(|g| SMatrix::<f64, N, N>::from_fn(|i, j| g.covariance[(at(i), at(j))]))
             .collect();
         let settings = parts.settings;
-        let shape = shape(&means, &covariances, &normalised(&self.goal), settings);
+        let shape = shape(&means, &covariances, &normalised(&self.goal, 1.0), settings);
         let fitted = fit(self.name, shape, &paths, settings, random)?;
         let (mut field, figures) = fitted.physical(self.scale);
         // Scaled there and back the goal may be a rounding error away.
         let goal = field.components.last_mut().expect("the goal has a component");
-        goal.mean = self.goal.to_array()[..D].to_vec();
+        goal.mean = self.goal.to_array()[..N - 1].to_vec();
+        goal.mean.push(1.0);
         Ok((field, figures))
     }
 }

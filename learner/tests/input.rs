@@ -219,7 +219,7 @@ fn wrong_skill_files_are_refused_by_key_and_place() {
     assert!(twice.contains("other_frames") && twice.contains("`end`"), "{twice}");
     let model = say(good.replace("TimeDrivenGmm,", "Hmm,"));
     assert!(model.contains("Hmm") && model.contains("TpLeftRightHmm"), "{model}");
-    let schema = say(good.replace("tprmp-skill/2", "tprmp-skill/0"));
+    let schema = say(good.replace("tprmp-skill/3", "tprmp-skill/0"));
     assert!(schema.contains("key `schema`"), "{schema}");
     let text = say(good.replace("components: 9", "components: nine"));
     assert!(text.contains("line"), "{text}");

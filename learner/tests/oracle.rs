@@ -1,30 +1,30 @@
-//! The convex program against an independent implementation (Python, cvxpy) on synthetic data:
-//! `oracle.json` holds the data, the mixture and the solution found there.
+//! The convex program against an independent implementation on synthetic data: `oracle.py` (numpy,
+//! cvxpy) makes `oracle.json` with the data, the mixture and the solution found there.
 
-use nalgebra::{DVector, Matrix2, Vector2};
+use nalgebra::{DVector, Matrix3, Vector3};
 use rand::SeedableRng;
 use serde::Deserialize;
 use tprmp_learner::fit::{fit, shape};
-use tprmp_learner::skill::{FitSettings, Skill};
+use tprmp_learner::skill::{FieldSettings, FitSettings, Skill};
 use tprmp_learner::targets::BlockPath;
 use tprmp_learner::tp_gmm::Samples;
 
 #[derive(Deserialize)]
 struct Oracle {
     components: usize,
-    goal: [f64; 2],
-    points: Vec<Vec<[f64; 2]>>,
-    velocities: Vec<Vec<[f64; 2]>>,
-    accelerations: Vec<Vec<[f64; 2]>>,
-    means: Vec<[f64; 2]>,
-    precisions: Vec<[[f64; 2]; 2]>,
+    goal: [f64; 3],
+    points: Vec<Vec<[f64; 3]>>,
+    velocities: Vec<Vec<[f64; 3]>>,
+    accelerations: Vec<Vec<[f64; 3]>>,
+    means: Vec<[f64; 3]>,
+    metrics: Vec<[[f64; 3]; 3]>,
     parameters: Vec<f64>,
     residual: f64,
     hinge: f64,
     objective: f64,
-    probe_points: Vec<[f64; 2]>,
-    probe_velocities: Vec<[f64; 2]>,
-    probe_accelerations: Vec<[f64; 2]>,
+    probe_points: Vec<[f64; 3]>,
+    probe_velocities: Vec<[f64; 3]>,
+    probe_accelerations: Vec<[f64; 3]>,
     probe_potentials: Vec<f64>,
 }
 
@@ -35,33 +35,32 @@ fn the_fit_agrees_with_an_independent_one() {
     let oracle: Oracle = serde_json::from_str(&text).unwrap();
     let skill = Skill::read(&here.join("../config/skills/planar.ron")).unwrap();
     let FitSettings::Canonical(settings) = &skill.fit else { panic!("a canonical skill") };
+    // Random points are not the same in another language: descent is demanded at the samples only.
+    let settings = &FieldSettings { descent_points_random: 0, ..settings.clone() };
 
     let joint: Vec<Vec<DVector<f64>>> = oracle
         .points
         .iter()
-        .map(|path| path.iter().map(|y| DVector::from_column_slice(y)).collect())
+        .map(|path| path.iter().map(|z| DVector::from_column_slice(&z[..2])).collect())
         .collect();
     let mixture = Samples::canonical(&joint).learn(&skill, oracle.components, 1).unwrap();
+    let gaussians = &mixture.phased;
     let means: Vec<_> =
-        mixture.canonical.iter().map(|g| Vector2::new(g.mean[0], g.mean[1])).collect();
-    let covariances: Vec<_> = mixture
-        .canonical
-        .iter()
-        .map(|g| g.covariance.fixed_view::<2, 2>(0, 0).into_owned())
-        .collect();
-    let goal = Vector2::from(oracle.goal);
+        gaussians.iter().map(|g| Vector3::from_column_slice(g.mean.as_slice())).collect();
+    let covariances: Vec<_> =
+        gaussians.iter().map(|g| g.covariance.fixed_view::<3, 3>(0, 0).into_owned()).collect();
+    let goal = Vector3::from(oracle.goal);
+    assert!((mixture.phase_length - goal[2]).abs() < 1e-12);
     let shape = shape(&means, &covariances, &goal, settings);
-    let zero = vec![0.0; shape.parameters().len()];
-    let (components, _) = shape.with(&zero);
-    for (component, (mean, precision)) in
-        components.iter().zip(oracle.means.iter().zip(&oracle.precisions))
+    for (component, (mean, metric)) in
+        shape.bare().components().iter().zip(oracle.means.iter().zip(&oracle.metrics))
     {
-        assert!((component.mean - Vector2::from(*mean)).norm() < 1e-10);
-        let precision = Matrix2::from_fn(|i, j| precision[i][j]);
-        assert!((component.precision - precision).norm() < 1e-8);
+        assert!((component.mean - Vector3::from(*mean)).norm() < 1e-10);
+        let metric = Matrix3::from_fn(|i, j| metric[i][j]);
+        assert!((component.metric - metric).norm() < 1e-8);
     }
 
-    let vectors = |rows: &Vec<[f64; 2]>| rows.iter().map(|y| Vector2::from(*y)).collect();
+    let vectors = |rows: &Vec<[f64; 3]>| rows.iter().map(|y| Vector3::from(*y)).collect();
     let paths: Vec<_> = (0..oracle.points.len())
         .map(|i| BlockPath {
             points: vectors(&oracle.points[i]),
@@ -84,10 +83,10 @@ fn the_fit_agrees_with_an_independent_one() {
     }
     let field = fitted.shape.field(&fitted.parameters);
     for i in 0..oracle.probe_points.len() {
-        let velocity = Vector2::from(oracle.probe_velocities[i]);
-        let value = field.evaluate(&Vector2::from(oracle.probe_points[i]), &velocity);
+        let velocity = Vector3::from(oracle.probe_velocities[i]);
+        let value = field.evaluate(&Vector3::from(oracle.probe_points[i]), &velocity);
         let acceleration = value.metric.cholesky().unwrap().solve(&value.force(&velocity));
-        let expected = Vector2::from(oracle.probe_accelerations[i]);
+        let expected = Vector3::from(oracle.probe_accelerations[i]);
         assert!((acceleration - expected).norm() < 1e-3 * (1.0 + expected.norm()));
         assert!((value.potential - oracle.probe_potentials[i]).abs() < 1e-3 * largest);
     }

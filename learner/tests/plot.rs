@@ -26,7 +26,7 @@ fn trained(manifold: Manifold, text: &str, folder: &Folder) -> PathBuf {
     let text = text
         .replace("random_starts: 20", "random_starts: 1")
         .replace("displaced_starts: 20", "displaced_starts: 1")
-        .replace("grid_points_random: 700", "grid_points_random: 200");
+        .replace("descent_points_random: 300", "descent_points_random: 150");
     let skill = folder.write("skill.ron", &text);
     let trained = train(&skill, Components::Count(5), 1, &mut |_| ()).unwrap();
     let path = folder.path().join("made_up.ron");
@@ -88,7 +88,7 @@ const FIELDS: [&str; 6] = [
 #[test]
 fn pictures_of_a_planar_skill() {
     let pictures = drawn("plane", Manifold::R2, &skill_of(Manifold::R2));
-    assert_eq!(pictures.len(), 14);
+    assert_eq!(pictures.len(), 13);
     // Three paths; the two axes of two frames of each.
     assert_eq!(pictures["demonstrations.svg"]["polyline"], 3 + 12);
     for name in ["gaussians.svg", "seen-from-frame-1.svg", "seen-from-frame-2.svg"] {
@@ -102,11 +102,17 @@ fn pictures_of_a_planar_skill() {
     for name in ["natural-gradient.svg", "gradient.svg"] {
         assert!(pictures[name]["path"] > 100, "{name} has no arrows");
     }
+    assert!(!pictures.contains_key("orientation.svg"));
+}
+
+#[test]
+fn pictures_of_a_planar_product() {
+    let pictures = drawn("product", Manifold::R2, &skill_text("planar_thesis.ron"));
+    assert_eq!(pictures.len(), 14);
     // The sum at the point, two forces of the nearest components, and where they weigh most.
     let forces = &pictures["forces.svg"];
     assert_eq!((forces["ellipse"], forces[".goal"]), (5, 2));
     assert!(forces["path"] > 8, "{forces:?}");
-    assert!(!pictures.contains_key("orientation.svg"));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! The frozen model of a learned skill: its schema, reader, writer and validation.
 //!
-//! The file is RON text, `(schema: "tprmp-model/2", checksum: "sha256:…", body: (…))`. The checksum
+//! The file is RON text, `(schema: "tprmp-model/3", checksum: "sha256:…", body: (…))`. The checksum
 //! is the SHA-256 of the body, serialised compactly by `ron::to_string`, so that comments and
 //! layout may change, numbers may not.
 //!
@@ -8,17 +8,17 @@
 //! frame and goal frame [m], and, for the orientation, the rotation vector at the goal,
 //! `q_y = q_g · exp(y_r)` [rad, full angle]. So the goal of the orientation block is `y_r = 0`.
 //!
-//! The canonical policy has a field for each block (`v_k = y − μ_k`, `G` the last component, `0`
-//! the background):
+//! The canonical policy has a field for each block, on z = (y, s) with the phase s as last coordinate, 0 at
+//! the start and 1 at the goal (`v_k = z − μ_k`, `s_k` the last coordinate of `μ_k`, `G` the last
+//! component):
 //!
 //! ```text
-//! e_k = exp(−½ v_kᵀ Λ_k v_k),  ε₀ = exp(exponent),  w_k = e_k / (Σe + ε₀),  w_0 = ε₀ / (Σe + ε₀)
+//! e_k = exp(−½ (s − s_k)²/phase_width²),  w_k = e_k / Σe
 //! φ_k = φ⁰_k + g_kᵀv_k + ½ v_kᵀS_kv_k
-//! φ_0 = offset + slope (√(|y − μ_G|² + softening²) − softening)
-//! Φ = Σ w_k φ_k,  M = Σ w_k M_k,  ÿ = −M⁻¹(∇Φ + ξ) − d ẏ
+//! Φ = Σ w_k φ_k,  M = Σ w_k M_k,  z̈ = −M⁻¹(∇Φ + ξ) − d ż
 //! ```
 //!
-//! Φ and M are divided by the goal's metric, so that `M_G = I`: no acceleration changes.
+//! Φ and M are divided by the goal's metric, so that `M_G = I` in y: no acceleration changes.
 //!
 //! The thesis' policy multiplies the Gaussians of all frames in the world [thesis eq. 3.6] and has
 //! Huber potentials [4.10–4.11], the metric 4.5 and the damping 4.17 on them; see
@@ -37,7 +37,7 @@ use serde::{Deserialize, Serialize};
 pub use tprmp_rmpflow::product_skill::FRAME_CAPACITY;
 
 /// Schema version this crate reads and writes.
-pub const SCHEMA: &str = "tprmp-model/2";
+pub const SCHEMA: &str = "tprmp-model/3";
 
 /// Space in which a skill moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -175,7 +175,7 @@ pub struct FrameGaussian {
 }
 
 /// Frames and goal in canonical coordinates.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Canonical {
     /// The start frame.
@@ -186,52 +186,51 @@ pub struct Canonical {
     pub goal: Pose,
     /// Whether the way to the goal turns with the frames, or only the tool's orientation does.
     pub positions_turn: bool,
+    /// Further frames, in the order in which the skill passes them.
+    pub waypoints: Vec<Waypoint>,
 }
 
-/// A learned field of one block, of dimension D = 2 or 3. Unit u is m or rad.
+/// A frame that the skill passes between its start and its goal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Waypoint {
+    /// Name of the frame.
+    pub frame: String,
+    /// The frame.
+    pub pose: Pose,
+    /// Where the tool passes it [m]: there the way is fixed to the frame.
+    pub point_m: [f64; 3],
+    /// Phase at which the tool passes it, between 0 at the start and 1 at the goal.
+    pub phase: f64,
+}
+
+/// A learned field of one block of D = 2 or 3 coordinates and the phase. Unit u is m or rad.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FieldModel {
     /// Damping `d`: `B = d M` [1/s].
     pub damping_1_s: f64,
+    /// Width over which components pass into each other, as a share of the phase.
+    pub phase_width: f64,
     /// Components in order of phase; the last one is the goal's.
     pub components: Vec<Component>,
-    /// What acts far from all components.
-    pub background: Background,
 }
 
-/// One component of a field.
+/// One component of a field, on D coordinates and the phase.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Component {
-    /// Mean μ [u].
+    /// Mean μ [u], and last its phase.
     pub mean: Vec<f64>,
-    /// Precision Λ, symmetric positive definite, rows [1/u²].
-    pub precision: Vec<Vec<f64>>,
-    /// Riemannian metric, symmetric positive definite, rows; the identity for the goal.
+    /// Riemannian metric, symmetric positive definite, rows; for the goal the identity but for the
+    /// phase, whose entry is an inertia [u²].
     pub metric: Vec<Vec<f64>>,
     /// Potential at the mean, φ⁰ [u²/s²].
     pub potential: f64,
-    /// Gradient of φ at the mean, g [u/s²].
+    /// Gradient of φ at the mean, g [u/s², last u²/s²].
     pub gradient: Vec<f64>,
-    /// Hessian of φ, symmetric, rows [1/s²].
+    /// Hessian of φ, symmetric, rows [1/s², last u/s² and u²/s²].
     pub hessian: Vec<Vec<f64>>,
-}
-
-/// What acts far from all components.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Background {
-    /// ln ε₀ of the constant density ε₀.
-    pub exponent: f64,
-    /// Metric, a multiple of the identity.
-    pub metric: f64,
-    /// Potential at the goal [u²/s²].
-    pub offset: f64,
-    /// Slope of the potential far from the goal [u/s²].
-    pub slope: f64,
-    /// Distance over which the cone is rounded [u].
-    pub softening: f64,
 }
 
 /// A Gaussian of the mixture in canonical coordinates: position [m] ⊕ orientation [rad].
@@ -325,6 +324,23 @@ pub struct BlockCertificate {
     /// Smallest eigenvalue of the Hessian at the goal relative to the metric [1/s²]: positive when
     /// the goal is a strict minimum.
     pub goal_hessian_min_1_s2: f64,
+    /// The valley of a canonical field.
+    pub valley: Option<ValleyCertificate>,
+}
+
+/// For each phase a canonical potential is a quadratic with one lowest point; these points are its
+/// valley. Where the valley falls towards the goal everywhere, the goal is the only place of rest.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ValleyCertificate {
+    /// Phases at which it was looked at.
+    pub phases: u32,
+    /// Smallest eigenvalue of the Hessian of Φ in the coordinates without the phase, relative to the
+    /// metric [1/s²]: no smaller at any phase, since both are means of the components'.
+    pub stiffness_min_1_s2: f64,
+    /// Least fall of the potential along the valley towards the goal, over a share of the phase
+    /// [u²/s²], outside of the surroundings of the goal for which its Hessian speaks.
+    pub descent_min: f64,
 }
 
 /// Figures of rollouts from random starts around the demonstrations.
@@ -339,11 +355,8 @@ pub struct Rollouts {
     pub goal_error_max_m: f64,
     /// Largest final angle to the goal [rad].
     pub goal_error_max_rad: f64,
-    /// Rollouts on whose way the map of the frames folded, because the frames lay too differently
-    /// from the demonstrated ones: there the policy is bounded, but not that of the potential.
-    pub folded: u32,
-    /// Largest rise of `V = Φ + ½ẏᵀMẏ` in a step where the map does not fold, relative to its value
-    /// at the start above that at the goal.
+    /// Largest rise of `V = Φ + ½żᵀMż` in a step, relative to its value at the start above that at the
+    /// goal.
     pub energy_rise_max: f64,
 }
 
@@ -356,7 +369,6 @@ impl Certificate {
             reached: 0,
             goal_error_max_m: 0.0,
             goal_error_max_rad: 0.0,
-            folded: 0,
             energy_rise_max: 0.0,
         };
         Self {

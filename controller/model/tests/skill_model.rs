@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use nalgebra::Vector2;
+use nalgebra::Vector3;
 use proptest::prelude::*;
 use tprmp_model::skill_model::{
-    ActiveConstraints, Background, BlockCertificate, Canonical, Certificate, Component,
-    DemonstrationRollout, FieldModel, Fit, FrameGaussian, FrameMixture, Gaussian, Manifold,
-    ModelError, Policy, Pose, ProgramFit, Provenance, Rollouts, SkillModel, Source, ThesisModel,
+    ActiveConstraints, BlockCertificate, Canonical, Certificate, Component, DemonstrationRollout,
+    FieldModel, Fit, FrameGaussian, FrameMixture, Gaussian, Manifold, ModelError, Policy, Pose,
+    ProgramFit, Provenance, Rollouts, SkillModel, Source, ThesisModel, ValleyCertificate, Waypoint,
     read, to_text, write,
 };
 
@@ -54,12 +54,11 @@ impl Drop for Folder {
 fn model() -> SkillModel {
     let pose = |x: f64| Pose { position_m: [x, 0.0, 0.0], quaternion_wxyz: [1.0, 0.0, 0.0, 0.0] };
     let component = |x: f64, size: f64, potential: f64| Component {
-        mean: vec![x, 0.0],
-        precision: vec![vec![2.0 * size, 0.1], vec![0.1, 3.0]],
-        metric: vec![vec![size, 0.0], vec![0.0, size]],
+        mean: vec![x, 0.0, x],
+        metric: vec![vec![size, 0.0, 0.0], vec![0.0, size, 0.0], vec![0.0, 0.0, 0.7]],
         potential,
-        gradient: vec![-potential, 0.0],
-        hessian: vec![vec![1.0, 0.2], vec![0.2, 1.0]],
+        gradient: vec![-potential, 0.0, 0.0],
+        hessian: vec![vec![1.0, 0.2, 0.1], vec![0.2, 1.0, 0.0], vec![0.1, 0.0, 2.0]],
     };
     let frame = |name: &str| FrameMixture {
         name: name.into(),
@@ -74,7 +73,6 @@ fn model() -> SkillModel {
         reached: 10,
         goal_error_max_m: 1e-4,
         goal_error_max_rad: 0.0,
-        folded: 1,
         energy_rise_max,
     };
     SkillModel {
@@ -88,6 +86,12 @@ fn model() -> SkillModel {
             goal_frame: pose(1.0),
             goal: pose(1.0),
             positions_turn: true,
+            waypoints: vec![Waypoint {
+                frame: "way".into(),
+                pose: pose(0.4),
+                point_m: [0.4, 0.1, 0.0],
+                phase: 0.4,
+            }],
         },
         gaussians: vec![Gaussian {
             prior: 1.0,
@@ -95,18 +99,12 @@ fn model() -> SkillModel {
             mean: vec![0.5, 0.0],
             covariance: vec![vec![0.1, 0.01], vec![0.01, 0.1]],
         }],
-        frames: ["start", "end"].map(frame).to_vec(),
+        frames: ["start", "end", "way"].map(frame).to_vec(),
         policy: Policy::Canonical {
             position: FieldModel {
                 damping_1_s: 8.0,
+                phase_width: 0.15,
                 components: vec![component(0.3, 1.7, 4.0 / 3.0), component(1.0, 1.0, 0.0)],
-                background: Background {
-                    exponent: -10.125,
-                    metric: 1.0,
-                    offset: 0.0,
-                    slope: 2.0,
-                    softening: 0.1,
-                },
             },
             orientation: None,
         },
@@ -139,6 +137,11 @@ fn model() -> SkillModel {
                 metric_eigenvalue_max: 1.7,
                 goal_gradient: 1e-15,
                 goal_hessian_min_1_s2: 6.0,
+                valley: Some(ValleyCertificate {
+                    phases: 1000,
+                    stiffness_min_1_s2: 6.0,
+                    descent_min: 0.2,
+                }),
             }],
             demonstrated_frames: rollouts(1e-17),
             displaced_frames: rollouts(0.0),
@@ -178,7 +181,7 @@ fn what_is_written_comes_back_and_always_as_the_same_bytes() {
     assert_eq!(read(&folder.file()).unwrap(), model());
     let text = std::fs::read_to_string(folder.file()).unwrap();
     assert_eq!(text, to_text(&model()));
-    assert!(text.contains("schema: \"tprmp-model/2\""));
+    assert!(text.contains("schema: \"tprmp-model/3\""));
     let left: Vec<_> = std::fs::read_dir(&folder.0).unwrap().collect();
     assert_eq!(left.len(), 1, "no half-written file stays");
 }
@@ -246,8 +249,8 @@ fn numbers_that_are_not_finite_are_named() {
             "canonical.goal.position_m"
         );
         assert_eq!(
-            folder.invalid(|m| position(m).background.slope = bad).0,
-            "policy.position.background.slope"
+            folder.invalid(|m| position(m).phase_width = bad).0,
+            "policy.position.phase_width"
         );
         assert_eq!(folder.invalid(|m| m.gaussians[0].mean[0] = bad).0, "gaussians[0].mean");
     }
@@ -257,12 +260,11 @@ fn numbers_that_are_not_finite_are_named() {
 fn metrics_that_are_not_positive_definite_are_named() {
     let folder = Folder::new("definite");
     let (key, problem) =
-        folder.invalid(|m| position(m).components[0].metric = vec![vec![1.0, 2.0], vec![2.0, 1.0]]);
+        folder.invalid(|m| position(m).components[0].metric[0] = vec![-1.0, 0.0, 0.0]);
     assert_eq!(key, "policy.position.components[0].metric");
     assert!(problem.contains("positive definite"));
-    let skew = vec![vec![1.0, 0.2], vec![0.1, 1.0]];
-    let (key, problem) = folder.invalid(|m| position(m).components[0].precision = skew);
-    assert_eq!(key, "policy.position.components[0].precision");
+    let (key, problem) = folder.invalid(|m| position(m).components[0].metric[0][1] = 0.5);
+    assert_eq!(key, "policy.position.components[0].metric");
     assert!(problem.contains("symmetric"));
     assert_eq!(
         folder.invalid(|m| m.gaussians[0].covariance[1][1] = -1.0).0,
@@ -294,7 +296,12 @@ fn dimensions_names_and_poses_are_checked() {
         folder.invalid(|m| m.canonical.start.quaternion_wxyz[0] = 0.9).0,
         "canonical.start.quaternion_wxyz"
     );
-    assert_eq!(folder.invalid(|m| m.canonical.start = m.canonical.goal).0, "canonical.goal");
+    let way = |key: &str| format!("canonical.waypoints[0].{key}");
+    let changed = |f: fn(&mut Waypoint)| folder.invalid(|m| f(&mut m.canonical.waypoints[0])).0;
+    assert_eq!(changed(|w| w.frame = "end".into()), way("frame"));
+    assert_eq!(changed(|w| w.frame = "none".into()), way("frame"));
+    assert_eq!(changed(|w| w.point_m[1] = f64::NAN), way("point_m"));
+    assert_eq!(changed(|w| w.phase = 0.99), "canonical.waypoints");
     let many = |m: &mut SkillModel| {
         let one = position(m).components[0].clone();
         position(m).components = vec![one; 99];
@@ -353,7 +360,7 @@ fn the_thesis_policy_is_stored_too_and_checked() {
 fn an_invalid_model_is_not_written() {
     let folder = Folder::new("write");
     let mut broken = model();
-    position(&mut broken).background.metric = -1.0;
+    position(&mut broken).phase_width = -1.0;
     let error = write(&broken, &folder.file()).unwrap_err();
     assert!(matches!(error, ModelError::Invalid { .. }));
     assert!(!folder.file().exists());
@@ -365,9 +372,9 @@ fn an_invalid_model_is_not_written() {
 fn the_field_is_the_one_that_is_stored() {
     let mut model = model();
     let stored = position(&mut model);
-    let field = stored.field::<2>();
-    assert_eq!(field.goal(), Vector2::new(1.0, 0.0));
-    let parts = FieldModel::from_parts(field.components(), stored.background.into(), 8.0);
+    let field = stored.field::<3>();
+    assert_eq!(field.goal(), Vector3::new(1.0, 0.0, 1.0));
+    let parts = FieldModel::from_parts(field.components(), stored.phase_width, 8.0);
     assert_eq!(parts, *stored);
     assert_eq!(field.damping_1_s(), 8.0);
 }

@@ -1,57 +1,51 @@
-//! A learned field on canonical coordinates: potential, metric, curvature and damping as mixtures
-//! over the components of a Gaussian mixture.
+//! A learned field on canonical coordinates and the phase: potential, metric, curvature and damping
+//! as a mixture over the phase.
 //!
-//! With v_k = y − μ_k and the unnormalised activations e_k = exp(−½ v_kᵀ Λ_k v_k),
+//! A point z = (y, s) has the position or the orientation chart y and, as its last coordinate, the
+//! phase s, 0 at the start of the skill and 1 at its goal g, so that demonstrations are curves that
+//! never close or cross. With v_k = z − μ_k and s_k the last coordinate of μ_k,
 //!
 //! ```text
-//! w_k = e_k / (Σ_j e_j + ε₀)      w_0 = ε₀ / (Σ_j e_j + ε₀)          (weights)
-//! φ_k = φ⁰_k + g_kᵀv_k + ½ v_kᵀ S_k v_k                              (local potentials)
-//! φ_0 = c₀ + k₀ (√(|y−g|² + a²) − a)                                 (background potential)
-//! Φ   = Σ w_k φ_k          M = Σ w_k M_k          B = d M            [thesis eq. 4.5, 4.10, 4.17]
-//! ξ   = Ṁẏ − ½ ∂/∂y (ẏᵀMẏ)                                           [thesis eq. 4.7]
+//! w_k = e_k / Σ_j e_j        e_k = exp(−½ (s − s_k)²/σ²)               (weights)
+//! φ_k = φ⁰_k + g_kᵀv_k + ½ v_kᵀ S_k v_k                                (local potentials)
+//! Φ   = Σ w_k φ_k          M = Σ w_k M_k          B = d M              [thesis eq. 4.5, 4.10, 4.17]
+//! ξ   = Ṁż − ½ ∂/∂z (żᵀMż)                                             [thesis eq. 4.7]
 //! ```
 //!
-//! and the policy M ÿ = −∇Φ − ξ − B ẏ, along which V = Φ + ½ ẏᵀMẏ falls as V̇ = −d ẏᵀMẏ. The
-//! background component of constant density ε₀ takes over away from the demonstrations, so that Φ
-//! is radially unbounded and the weights never divide zero by zero. The thesis normalises the
-//! densities (eq. 4.6); here the normaliser is left out, so that a narrow component does not
-//! swallow its neighbours.
+//! and the policy M z̈ = −∇Φ − ξ − B ż, along which V = Φ + ½ żᵀMż falls as V̇ = −d żᵀMż.
+//!
+//! For each s the potential is one quadratic in y. Where its Hessian H(s) = Σ w_k S_k,yy is positive
+//! definite it has one lowest point y*(s), and all of them form the *valley* of the field. ∇Φ is
+//! zero nowhere but in the valley, and there exactly where U(s) = Φ(y*(s), s) is level: whether the
+//! goal is the only place of rest is a question about a function of one variable.
+//!
+//! The thesis' weights are densities of the state (eq. 4.6). Those of the phase alone are what makes
+//! the question that simple; they leave nothing undefined far from the demonstrations either.
 
 use nalgebra::{SMatrix, SVector};
 
 /// Most components of a field, the goal's included.
 pub const COMPONENT_CAPACITY: usize = 64;
+/// Numbers of a component that are blended: enough for N = 4, 1 + 4 + 10 + 10, in whole vectors of
+/// four.
+const ROW: usize = 28;
+/// Components whose weight is below exp(−45) of the largest are left out: less than what rounding
+/// leaves of the others.
+const EXPONENT_MAX: f64 = 45.0;
 
-/// One component: a Gaussian activation with its metric and its quadratic potential.
+/// One component: a metric and a quadratic potential around a mean.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Component<const D: usize> {
-    /// μ \[m or rad\].
-    pub mean: SVector<f64, D>,
-    /// Λ, symmetric positive definite \[1/m² or 1/rad²\].
-    pub precision: SMatrix<f64, D, D>,
-    /// M_k, symmetric positive definite \[kg or kg m²\].
-    pub metric: SMatrix<f64, D, D>,
+pub struct Component<const N: usize> {
+    /// μ: position \[m\] or rotation vector \[rad\], and last the phase.
+    pub mean: SVector<f64, N>,
+    /// M_k, symmetric positive definite \[kg or kg m²; for the phase kg m²\].
+    pub metric: SMatrix<f64, N, N>,
     /// φ⁰ \[J\].
     pub potential: f64,
-    /// g \[J/m or J/rad\].
-    pub gradient: SVector<f64, D>,
-    /// S, symmetric \[J/m² or J/rad²\].
-    pub hessian: SMatrix<f64, D, D>,
-}
-
-/// The component of constant density that takes over away from the demonstrations.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Background {
-    /// ln ε₀, the logarithm of its density.
-    pub exponent: f64,
-    /// m₀ in M_0 = m₀ I \[kg or kg m²\].
-    pub metric: f64,
-    /// c₀ \[J\].
-    pub offset: f64,
-    /// k₀ \[J/m or J/rad\].
-    pub slope: f64,
-    /// a \[m or rad\].
-    pub softening: f64,
+    /// g \[J/m or J/rad; J\].
+    pub gradient: SVector<f64, N>,
+    /// S, symmetric \[J/m² or J/rad²; J\].
+    pub hessian: SMatrix<f64, N, N>,
 }
 
 /// Why a field could not be built.
@@ -61,15 +55,17 @@ pub enum FieldError {
     ComponentCount(usize),
 }
 
-/// An immutable learned field of dimension D; its last component is the goal's.
+/// An immutable learned field on z = (y, s) of dimension N, at most 4; its last component is the goal's.
 #[derive(Debug, Clone)]
-pub struct Field<const D: usize> {
-    components: [Component<D>; COMPONENT_CAPACITY],
+pub struct Field<const N: usize> {
+    components: [Component<N>; COMPONENT_CAPACITY],
+    /// φ_k and M_k as polynomials of u = z − (g, 1): φ_k(0), ∇φ_k(0), and the upper triangles of S_k
+    /// and M_k, row by row.
+    rows: [[f64; ROW]; COMPONENT_CAPACITY],
     count: usize,
-    background: Background,
-    /// ε₀.
-    background_density: f64,
-    goal: SVector<f64, D>,
+    /// σ.
+    phase_width: f64,
+    goal: SVector<f64, N>,
     /// d in B = d M \[1/s\].
     damping_1_s: f64,
 }
@@ -103,16 +99,82 @@ impl<const D: usize> FieldValue<D> {
     }
 }
 
-impl<const D: usize> Field<D> {
-    /// A field of these components, the last of which is the goal's.
+/// A point of the valley of a field.
+#[derive(Debug, Clone, Copy)]
+pub struct Valley<const N: usize> {
+    /// (y*(s), s).
+    pub point: SVector<f64, N>,
+    /// U(s) = Φ(y*(s), s) \[J\].
+    pub potential: f64,
+    /// U′(s) \[J\].
+    pub slope: f64,
+}
+
+/// Numbers blended from the rows of all components: a quadratic and a metric.
+#[derive(Clone, Copy)]
+struct Blend([f64; ROW]);
+
+impl Blend {
+    /// Constant, gradient and Hessian of the quadratic.
+    fn quadratic<const N: usize>(&self) -> (f64, SVector<f64, N>, SMatrix<f64, N, N>) {
+        (self.0[0], SVector::from_fn(|i, _| self.0[1 + i]), self.triangle(1 + N))
+    }
+
+    fn metric<const N: usize>(&self) -> SMatrix<f64, N, N> {
+        self.triangle(1 + N + N * (N + 1) / 2)
+    }
+
+    fn triangle<const N: usize>(&self, first: usize) -> SMatrix<f64, N, N> {
+        let mut matrix = SMatrix::zeros();
+        let mut at = first;
+        for i in 0..N {
+            for j in i..N {
+                matrix[(i, j)] = self.0[at];
+                matrix[(j, i)] = self.0[at];
+                at += 1;
+            }
+        }
+        matrix
+    }
+}
+
+/// The component as a row of [`Field::rows`].
+fn row<const N: usize>(component: &Component<N>, goal: &SVector<f64, N>) -> [f64; ROW] {
+    let mean = component.mean - goal;
+    let bend = component.hessian * mean;
+    let gradient = component.gradient - bend;
+    let mut row = [0.0; ROW];
+    row[0] = component.potential - component.gradient.dot(&mean) + 0.5 * bend.dot(&mean);
+    let mut at = 1;
+    for entry in &gradient {
+        row[at] = *entry;
+        at += 1;
+    }
+    for matrix in [&component.hessian, &component.metric] {
+        for i in 0..N {
+            for j in i..N {
+                row[at] = matrix[(i, j)];
+                at += 1;
+            }
+        }
+    }
+    row
+}
+
+impl<const N: usize> Field<N> {
+    /// More dimensions do not fit a row.
+    const FITS: () = assert!(1 + N + N * (N + 1) <= ROW, "a field has at most four dimensions");
+
+    /// A field of these components, the last of which is the goal's; `phase_width` is σ.
     ///
     /// # Errors
     /// When there is no component, or there are too many.
     pub fn new(
-        components: &[Component<D>],
-        background: Background,
+        components: &[Component<N>],
+        phase_width: f64,
         damping_1_s: f64,
     ) -> Result<Self, FieldError> {
+        let () = Self::FITS;
         let count = components.len();
         let last = components.last().ok_or(FieldError::ComponentCount(0))?;
         if count > COMPONENT_CAPACITY {
@@ -120,26 +182,27 @@ impl<const D: usize> Field<D> {
         }
         let mut stored = [*last; COMPONENT_CAPACITY];
         stored[..count].copy_from_slice(components);
-        Ok(Self {
-            components: stored,
-            count,
-            background,
-            background_density: background.exponent.exp(),
-            goal: last.mean,
-            damping_1_s,
-        })
+        let goal = last.mean;
+        let rows = stored.map(|component| row(&component, &goal));
+        Ok(Self { components: stored, rows, count, phase_width, goal, damping_1_s })
     }
 
     /// Its components, the last of which is the goal's.
     #[must_use]
-    pub fn components(&self) -> &[Component<D>] {
+    pub fn components(&self) -> &[Component<N>] {
         &self.components[..self.count]
     }
 
-    /// The goal g \[m or rad\].
+    /// The goal (g, 1) \[m or rad\].
     #[must_use]
-    pub fn goal(&self) -> SVector<f64, D> {
+    pub fn goal(&self) -> SVector<f64, N> {
         self.goal
+    }
+
+    /// σ.
+    #[must_use]
+    pub fn phase_width(&self) -> f64 {
+        self.phase_width
     }
 
     /// d in B = d M \[1/s\].
@@ -148,102 +211,171 @@ impl<const D: usize> Field<D> {
         self.damping_1_s
     }
 
-    /// Evaluates the field at y for the velocity ẏ.
-    ///
-    /// Hot path: no allocation, O(K D²). Input that is not finite gives output that is not finite.
+    /// The weights w_k and their derivatives at a phase; what lies behind the count is zero.
     #[must_use]
-    pub fn evaluate(&self, y: &SVector<f64, D>, velocity: &SVector<f64, D>) -> FieldValue<D> {
-        // One pass gathers Σe, ΣeΛv and the sums the gradient of the weights needs:
-        // ∇w_k = w_k (p̄ − Λ_k v_k) with p̄ = Σ_j w_j Λ_j v_j.
-        let background = &self.background;
-        let mut density = self.background_density;
-        let mut pull_sum = SVector::<f64, D>::zeros();
-        let mut potential = 0.0;
-        let mut slope_sum = SVector::<f64, D>::zeros();
-        let mut potential_pull = SVector::<f64, D>::zeros();
-        let mut metric = SMatrix::<f64, D, D>::zeros();
-        let mut momentum_rate = SVector::<f64, D>::zeros();
-        let mut kinetic_pull = SVector::<f64, D>::zeros();
-        for component in self.components() {
-            let offset = y - component.mean;
-            let pull = component.precision * offset;
-            let activation = (-0.5 * offset.dot(&pull)).exp();
-            let bend = component.hessian * offset;
-            let local =
-                component.potential + component.gradient.dot(&offset) + 0.5 * bend.dot(&offset);
-            let momentum = component.metric * velocity;
-            density += activation;
-            pull_sum += pull * activation;
-            potential += activation * local;
-            slope_sum += (component.gradient + bend) * activation;
-            potential_pull += pull * (activation * local);
-            metric += component.metric * activation;
-            momentum_rate += momentum * (activation * pull.dot(velocity));
-            kinetic_pull += pull * (activation * momentum.dot(velocity));
+    pub fn weights(&self, phase: f64) -> [[f64; 2]; COMPONENT_CAPACITY] {
+        let inverse = 1.0 / self.phase_width;
+        let mut weights = [[0.0; 2]; COMPONENT_CAPACITY];
+        let mut least = f64::INFINITY;
+        for ([exponent, pull], component) in weights.iter_mut().zip(self.components()) {
+            let offset = (phase - component.mean[N - 1]) * inverse;
+            *exponent = 0.5 * offset * offset;
+            *pull = offset * inverse;
+            least = least.min(*exponent);
         }
-        let away = y - self.goal;
-        let root = (away.dot(&away) + background.softening * background.softening).sqrt();
-        let local = background.offset + background.slope * (root - background.softening);
-        potential += self.background_density * local;
-        slope_sum += away * (self.background_density * background.slope / root);
-        for i in 0..D {
-            metric[(i, i)] += self.background_density * background.metric;
+        let (mut sum, mut pull_sum) = (0.0, 0.0);
+        for [weight, pull] in &mut weights[..self.count] {
+            // Not a number stays what it is.
+            let above = *weight - least;
+            *weight = if above > EXPONENT_MAX { 0.0 } else { (-above).exp() };
+            sum += *weight;
+            pull_sum += *weight * *pull;
         }
+        let (scale, mean_pull) = (1.0 / sum, pull_sum / sum);
+        for [weight, pull] in &mut weights[..self.count] {
+            *weight *= scale;
+            *pull = *weight * (mean_pull - *pull);
+        }
+        weights
+    }
 
-        let inverse = 1.0 / density;
-        let mean_pull = pull_sum * inverse;
-        let potential = potential * inverse;
-        let metric = metric * inverse;
-        let momentum = metric * velocity;
-        let rate = momentum * mean_pull.dot(velocity) - momentum_rate * inverse;
-        let kinetic = mean_pull * momentum.dot(velocity) - kinetic_pull * inverse;
-        FieldValue {
-            potential,
-            gradient: slope_sum * inverse + mean_pull * potential - potential_pull * inverse,
-            metric,
-            curvature: rate - kinetic * 0.5,
-            damping: metric * self.damping_1_s,
+    /// Σ w_k row_k and Σ w_k′ row_k.
+    fn blend(&self, phase: f64) -> [Blend; 2] {
+        let weights = self.weights(phase);
+        let (mut value, mut slope) = ([0.0; ROW], [0.0; ROW]);
+        for ([weight, rate], row) in weights[..self.count].iter().zip(&self.rows) {
+            if *weight == 0.0 {
+                continue;
+            }
+            for ((value, slope), entry) in value.iter_mut().zip(&mut slope).zip(row) {
+                *value += weight * entry;
+                *slope += rate * entry;
+            }
         }
+        [Blend(value), Blend(slope)]
+    }
+
+    /// Evaluates the field at z for the velocity ż.
+    ///
+    /// Hot path: no allocation, O(K N²). Input that is not finite gives output that is not finite.
+    #[must_use]
+    pub fn evaluate(&self, z: &SVector<f64, N>, velocity: &SVector<f64, N>) -> FieldValue<N> {
+        let last = N - 1;
+        let offset = z - self.goal;
+        let [value, slope] = self.blend(z[last]);
+        let (constant, linear, hessian) = value.quadratic::<N>();
+        let bend = hessian * offset;
+        let mut gradient = linear + bend;
+        let potential = constant + linear.dot(&offset) + 0.5 * bend.dot(&offset);
+        let (constant, linear, hessian) = slope.quadratic::<N>();
+        gradient[last] += constant + (linear + hessian * offset * 0.5).dot(&offset);
+
+        // Ṁ = ṡ M′, and only the phase changes the metric.
+        let metric = value.metric::<N>();
+        let momentum_slope = slope.metric::<N>() * velocity;
+        let mut curvature = momentum_slope * velocity[last];
+        curvature[last] -= 0.5 * momentum_slope.dot(velocity);
+        FieldValue { potential, gradient, metric, curvature, damping: metric * self.damping_1_s }
+    }
+
+    /// The valley at a phase; `None` where the Hessian H(s) is not positive definite.
+    #[must_use]
+    pub fn valley(&self, phase: f64) -> Option<Valley<N>> {
+        let last = N - 1;
+        let mut offset = SVector::<f64, N>::zeros();
+        offset[last] = phase - self.goal[last];
+        let [value, slope] = self.blend(phase);
+        let (constant, linear, hessian) = value.quadratic::<N>();
+        // One Newton step from y = g, with the phase held: pinning a row and a column leaves the
+        // solution of the others.
+        let mut pinned = hessian;
+        let mut force = linear + hessian * offset;
+        for i in 0..last {
+            pinned[(i, last)] = 0.0;
+            pinned[(last, i)] = 0.0;
+        }
+        pinned[(last, last)] = 1.0;
+        force[last] = 0.0;
+        offset -= pinned.cholesky()?.solve(&force);
+        let bend = hessian * offset;
+        let potential = constant + linear.dot(&offset) + 0.5 * bend.dot(&offset);
+        let mut rate = (linear + bend)[last];
+        let (constant, linear, hessian) = slope.quadratic::<N>();
+        rate += constant + (linear + hessian * offset * 0.5).dot(&offset);
+        Some(Valley { point: self.goal + offset, potential, slope: rate })
+    }
+
+    /// How far z lies from the demonstrations of its phase: ½ Σ w_k v_kᵀM_kv_k \[kg m²\].
+    ///
+    /// Metrics are narrow where the demonstrations agree, so this is large where they do not lie.
+    #[must_use]
+    pub fn distance(&self, z: &SVector<f64, N>) -> f64 {
+        let weights = self.weights(z[N - 1]);
+        let each = self.components().iter().zip(&weights);
+        each.map(|(component, [weight, _])| {
+            let offset = z - component.mean;
+            0.5 * weight * offset.dot(&(component.metric * offset))
+        })
+        .sum()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Matrix3, Vector3};
+    use nalgebra::{Matrix4, Vector4};
 
-    fn field() -> Field<3> {
+    fn field() -> Field<4> {
         let component = |i: usize| {
             let s = i as f64;
-            let spread =
-                Matrix3::new(6.0 + s, 0.5, 0.2 * s, 0.5, 4.0, -0.3, 0.2 * s, -0.3, 5.0 - 0.3 * s);
+            let spread = Matrix4::new(
+                6.0 + s,
+                0.5,
+                0.2 * s,
+                0.3,
+                0.5,
+                4.0,
+                -0.3,
+                -0.6,
+                0.2 * s,
+                -0.3,
+                5.0 - 0.3 * s,
+                0.1 * s,
+                0.3,
+                -0.6,
+                0.1 * s,
+                7.0,
+            );
             Component {
-                mean: Vector3::new(0.4 * s, 0.3 * (s - 2.0).powi(2), 0.1 * s),
-                precision: spread,
+                mean: Vector4::new(0.4 * s, 0.3 * (s - 2.0).powi(2), 0.1 * s, 0.25 * s),
                 metric: spread * 0.25,
                 potential: 5.0 - s,
-                gradient: Vector3::new(-1.0 - 0.1 * s, 0.2, 0.1 * s),
-                hessian: Matrix3::new(1.0, 0.3, 0.1 * s, 0.3, 2.0, -0.2, 0.1 * s, -0.2, 0.5),
+                gradient: Vector4::new(-1.0 - 0.1 * s, 0.2, 0.1 * s, -3.0 + 0.4 * s),
+                hessian: spread * (0.6 + 0.1 * s) - Matrix4::identity(),
             }
         };
         let components: Vec<_> = (0..5).map(component).collect();
-        let background =
-            Background { exponent: -10.0, metric: 1.2, offset: 2.0, slope: 3.0, softening: 0.3 };
-        Field::new(&components, background, 8.0).unwrap()
+        Field::new(&components, 0.2, 8.0).unwrap()
     }
 
-    fn points() -> impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> {
+    fn points() -> impl Iterator<Item = (Vector4<f64>, Vector4<f64>)> {
         (0..40).map(|i| {
             let s = f64::from(i);
-            let y = Vector3::new((s * 0.7).sin(), (s * 1.3).cos(), 0.5 * (s * 0.31).sin());
-            (y * 1.5, Vector3::new((s * 0.9).cos(), 0.6 * (s * 0.5).sin(), 0.8 - 0.03 * s))
+            let y = Vector4::new(
+                1.5 * (s * 0.7).sin(),
+                1.5 * (s * 1.3).cos(),
+                0.7 * (s * 0.31).sin(),
+                0.04 * s - 0.3,
+            );
+            let v = Vector4::new((s * 0.9).cos(), 0.6 * (s * 0.5).sin(), 0.8 - 0.03 * s, 0.5);
+            (y, v)
         })
     }
 
-    fn derivative(f: impl Fn(Vector3<f64>) -> f64, y: &Vector3<f64>) -> Vector3<f64> {
-        let h = 1e-5;
-        Vector3::from_fn(|i, _| {
-            let mut step = Vector3::zeros();
+    fn derivative(f: impl Fn(Vector4<f64>) -> f64, y: &Vector4<f64>) -> Vector4<f64> {
+        let h = 1e-4;
+        Vector4::from_fn(|i, _| {
+            let mut step = Vector4::zeros();
             step[i] = h;
             (8.0 * (f(y + step) - f(y - step)) - (f(y + step * 2.0) - f(y - step * 2.0)))
                 / (12.0 * h)
@@ -251,11 +383,32 @@ mod tests {
     }
 
     #[test]
+    fn it_is_the_mixture_of_its_components() {
+        let field = field();
+        for (z, v) in points() {
+            let value = field.evaluate(&z, &v);
+            let (mut sum, mut potential, mut metric) = (0.0, 0.0, Matrix4::zeros());
+            for c in field.components() {
+                let (offset, s) = (z - c.mean, (z[3] - c.mean[3]) / 0.2);
+                let weight = (-0.5 * s * s).exp();
+                let local =
+                    c.potential + c.gradient.dot(&offset) + 0.5 * offset.dot(&(c.hessian * offset));
+                sum += weight;
+                potential += weight * local;
+                metric += c.metric * weight;
+            }
+            assert!((value.potential - potential / sum).abs() < 1e-10);
+            assert!((value.metric - metric / sum).norm() < 1e-12);
+            assert!((value.damping - value.metric * 8.0).norm() < 1e-12);
+        }
+    }
+
+    #[test]
     fn gradient_is_the_derivative_of_the_potential() {
         let field = field();
-        for (y, v) in points() {
-            let value = field.evaluate(&y, &v);
-            let expected = derivative(|y| field.evaluate(&y, &v).potential, &y);
+        for (z, v) in points() {
+            let value = field.evaluate(&z, &v);
+            let expected = derivative(|z| field.evaluate(&z, &v).potential, &z);
             let error = (value.gradient - expected).norm();
             assert!(error < 1e-8 * (1.0 + expected.norm()), "{error:e}");
         }
@@ -265,45 +418,81 @@ mod tests {
     fn curvature_is_that_of_the_metric() {
         let field = field();
         let h = 1e-5;
-        for (y, v) in points() {
-            let value = field.evaluate(&y, &v);
-            let metric_at = |s: f64| field.evaluate(&(y + v * s), &v).metric * v;
-            let rate = (metric_at(h) - metric_at(-h)) / (2.0 * h);
-            let kinetic = derivative(|y| v.dot(&(field.evaluate(&y, &v).metric * v)), &y);
+        for (z, v) in points() {
+            let value = field.evaluate(&z, &v);
+            let momentum_at = |s: f64| field.evaluate(&(z + v * s), &v).metric * v;
+            let rate = (momentum_at(h) - momentum_at(-h)) / (2.0 * h);
+            let kinetic = derivative(|z| v.dot(&(field.evaluate(&z, &v).metric * v)), &z);
             let expected = rate - kinetic * 0.5;
             let error = (value.curvature - expected).norm();
-            assert!(error < 1e-7 * (1.0 + expected.norm()), "{error:e}");
+            assert!(error < 1e-6 * (1.0 + expected.norm()), "{error:e}");
         }
     }
 
     #[test]
-    fn metric_is_positive_definite_and_far_away_the_background_s() {
+    fn far_phases_have_the_outermost_components() {
         let field = field();
-        for (y, v) in points() {
-            assert!(field.evaluate(&y, &v).metric.cholesky().is_some());
+        for (phase, component) in [(-40.0, 0), (60.0, 4)] {
+            let z = Vector4::new(0.3, -0.2, 0.1, phase);
+            let value = field.evaluate(&z, &Vector4::x());
+            assert!((value.metric - field.components()[component].metric).norm() < 1e-12);
+            assert!(value.gradient.iter().all(|g| g.is_finite()));
         }
-        let far = field.evaluate(&Vector3::new(50.0, 0.0, 0.0), &Vector3::x());
-        assert!((far.metric - Matrix3::identity() * 1.2).norm() < 1e-12);
-        assert!((far.gradient.norm() - 3.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn the_valley_is_the_lowest_place_of_its_phase() {
+        let field = field();
+        for i in 0..30 {
+            let phase = -0.2 + 0.05 * f64::from(i);
+            let valley = field.valley(phase).unwrap();
+            let value = field.evaluate(&valley.point, &Vector4::zeros());
+            assert!((valley.point[3] - phase).abs() < 1e-15);
+            assert!(value.gradient.fixed_rows::<3>(0).norm() < 1e-11);
+            assert!((value.gradient[3] - valley.slope).abs() < 1e-11);
+            assert!((value.potential - valley.potential).abs() < 1e-11);
+            let h = 1e-5;
+            let at = |s: f64| field.valley(s).unwrap().potential;
+            let slope = (at(phase + h) - at(phase - h)) / (2.0 * h);
+            assert!((slope - valley.slope).abs() < 1e-6 * (1.0 + slope.abs()));
+        }
+        let mut bad = *field.components().last().unwrap();
+        bad.hessian[(0, 0)] = -1.0;
+        assert!(Field::new(&[bad], 0.2, 8.0).unwrap().valley(1.0).is_none());
+    }
+
+    #[test]
+    fn distance_is_that_of_the_metric_from_the_means() {
+        let field = field();
+        for component in field.components() {
+            let alone = Field::new(&[*component], 0.2, 8.0).unwrap();
+            assert_eq!(alone.distance(&component.mean), 0.0);
+            for (z, _) in points() {
+                let offset = z - component.mean;
+                let expected = 0.5 * offset.dot(&(component.metric * offset));
+                assert!((alone.distance(&z) - expected).abs() < 1e-12 * (1.0 + expected));
+                assert!(field.distance(&z) > 0.0);
+            }
+        }
     }
 
     #[test]
     fn energy_falls_along_the_policy() {
         let field = field();
-        let (mut y, mut v) = (Vector3::new(-0.8, 1.0, 0.4), Vector3::new(0.5, -0.5, 0.2));
+        let (mut z, mut v) = (Vector4::new(-0.8, 1.0, 0.4, 0.1), Vector4::new(0.5, -0.5, 0.2, 0.3));
         let dt = 1e-3;
-        let acceleration = |y: &Vector3<f64>, v: &Vector3<f64>| {
-            let value = field.evaluate(y, v);
+        let acceleration = |z: &Vector4<f64>, v: &Vector4<f64>| {
+            let value = field.evaluate(z, v);
             value.metric.cholesky().unwrap().solve(&value.force(v))
         };
-        let mut before = field.evaluate(&y, &v).energy(&v);
+        let mut before = field.evaluate(&z, &v).energy(&v);
         for _ in 0..4000 {
             // Midpoint rule: its error is far below the damping's loss per step.
-            let half_v = v + acceleration(&y, &v) * (dt / 2.0);
-            let half_y = y + v * (dt / 2.0);
-            v += acceleration(&half_y, &half_v) * dt;
-            y += half_v * dt;
-            let after = field.evaluate(&y, &v).energy(&v);
+            let half_v = v + acceleration(&z, &v) * (dt / 2.0);
+            let half_z = z + v * (dt / 2.0);
+            v += acceleration(&half_z, &half_v) * dt;
+            z += half_v * dt;
+            let after = field.evaluate(&z, &v).energy(&v);
             assert!(after <= before + 1e-9, "energy rose by {}", after - before);
             before = after;
         }
@@ -313,7 +502,7 @@ mod tests {
     fn counts_outside_the_capacity_are_refused() {
         let field = field();
         let many = [field.components()[0]; COMPONENT_CAPACITY + 1];
-        let error = |c: &[Component<3>]| Field::new(c, field.background, 8.0).unwrap_err();
+        let error = |c: &[Component<4>]| Field::new(c, 0.2, 8.0).unwrap_err();
         assert_eq!(error(&[]), FieldError::ComponentCount(0));
         assert_eq!(error(&many), FieldError::ComponentCount(COMPONENT_CAPACITY + 1));
     }

@@ -1,43 +1,42 @@
 //! Frames as a task map: where the frames go, the space goes.
 //!
 //! The canonical space is the one in which all demonstrations share their frames. The map into the
-//! world is a field of rigid displacements g(α) ∈ SE(3), with α a smooth ramp of the phase t along
-//! the canonical axis from start to goal:
+//! world is a field of rigid displacements over the phase s of the skill. Each frame p rules at a phase
+//! s_p of its own, the start frame at 0, the goal frame at 1; in between its displacement passes smoothly
+//! into the next one's:
 //!
 //! ```text
-//! t   = uᵀ(y_p − c_s)/D                 u = (c_g − c_s)/D,  D = |c_g − c_s|
-//! c(α) = c_s + α (c_g − c_s)            p(α) = x_s + α (x_g − x_s)
-//! R(α) = exp(α φ) Q_s                   φ = log(Q_g Q_s⁻¹)
-//! x_p = p(α) + R(α) (y_p − c(α))        x_q = R(α) q_g exp(y_r)
+//! α_p  = ramp((s − s_p)/(s_{p+1} − s_p))
+//! c(s) = c_1 + Σ α_p (c_{p+1} − c_p)          p(s) = x_1 + Σ α_p (x_{p+1} − x_p)
+//! R(s) = exp(α_{P−1} φ_{P−1}) … exp(α_1 φ_1) Q_1        φ_p = log(Q_{p+1} Q_p⁻¹)
+//! x_p  = p(s) + R(s) (y_p − c(s))              x_q = R(s) q_g exp(y_r)
 //! ```
 //!
-//! c_s, c_g are the start frame's origin and the goal in canonical coordinates, x_s, x_g their
-//! images in the world, Q_s, Q_g the rotations of the start and the goal frame against their
-//! canonical orientation. At α = 0 it is the start frame's displacement, at α = 1 the goal frame's.
-//! Positions need not turn with the frames: a tool that comes down on an object from above does so
-//! wherever the object points. [`CanonicalFrames::positions_turn`] tells; without it R = I in the
-//! line of x_p, while the line of x_q, and with it the grasp, still turns.
-//! Orientation is charted by the full-angle rotation vector y_r at the canonical goal orientation.
+//! c_p is a point fixed to frame p in canonical coordinates, x_p its image in the world, Q_p the
+//! rotation of the frame against its canonical orientation. Where all α before p are 1 and all others
+//! 0, this is the displacement of frame p. Positions need not turn with the frames: a tool that comes
+//! down on an object from above does so wherever the object points.
+//! [`FrameMap::positions_turn`] tells; without it R = I in the line of x_p, while the line of x_q, and
+//! with it the grasp, still turns. Orientation is charted by the full-angle rotation vector y_r at the
+//! canonical goal orientation.
 //!
-//! The map is a diffeomorphism where det = 1 + ∇αᵀ R(α)ᵀ ∂x/∂α > 0, i.e. unless the goal moves
-//! back towards the start by more than 0.8 D, or space is twisted hard far from the axis. Below
-//! [`DETERMINANT_MIN`] the Jacobian is evaluated with that value instead: the motion is no longer
-//! exact there, but bounded, and [`Mapped::determinant`] tells.
+//! Because the phase is a coordinate and not a function of the place, (y, s) ↦ (x, s) is a
+//! diffeomorphism for any displacement and any turn, with determinant one in the lines of x_p: for a
+//! given phase it is a rigid motion, and nothing folds.
 //!
-//! It is rheonomic: velocities and accelerations of the frames enter the velocity and the bias.
+//! It is rheonomic: velocities and accelerations of the frames enter the velocity and the drift.
 
 use glam::{DMat3, DQuat, DVec3};
-use nalgebra::Vector6;
 
 use crate::jet::{Jet, Quat, Real, Vec3};
+use crate::product_skill::FRAME_CAPACITY;
 use crate::rotation::{inverse_left_jacobian, rotation_vector};
 
-/// Least determinant with which the map is inverted.
-pub const DETERMINANT_MIN: f64 = 0.1;
-/// Bound on the iterations of the inverse; Newton's method takes some five.
-const INVERSE_ITERATIONS_MAX: usize = 60;
-/// The inverse stops at this change of the phase.
-const PHASE_TOLERANCE: f64 = 1e-13;
+/// Frames rule at phases that lie at least this far apart: between them space moves with the change of
+/// phase.
+pub const PHASE_DISTANCE_MIN: f64 = 0.05;
+/// Share of the phase between two frames in which one's displacement begins to fade into the other's.
+const RISE: f64 = 0.2;
 
 /// Position \[m\] and orientation (unit quaternion).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -121,24 +120,27 @@ impl FrameMotion {
     }
 }
 
-/// The frames all demonstrations share in canonical coordinates.
+/// A frame of a skill in canonical coordinates, and when it rules.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CanonicalFrames {
-    /// Start frame; its origin is c_s.
-    pub start: Pose,
-    /// Goal frame, e.g. that of the object.
-    pub goal_frame: Pose,
-    /// The goal, e.g. the grasp; its position is c_g and its orientation q_g.
-    pub goal: Pose,
-    /// Whether the way to the goal turns with the frames.
-    pub positions_turn: bool,
+pub struct Anchor {
+    /// Which of the skill's frames it is.
+    pub index: usize,
+    /// The frame.
+    pub frame: Pose,
+    /// c_p, fixed to the frame \[m\].
+    pub point: DVec3,
+    /// s_p.
+    pub phase: f64,
 }
 
-/// Why the canonical frames make no map.
+/// Why the anchors make no map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FrameMapError {
-    /// Start and goal coincide, so that there is no axis between them.
-    NoAxis,
+    /// There is no anchor, or there are more than [`FRAME_CAPACITY`].
+    AnchorCount(usize),
+    /// The anchor rules less than [`PHASE_DISTANCE_MIN`] after the one before it, or not at a finite
+    /// phase.
+    PhasesTooClose(usize),
 }
 
 /// A point in canonical coordinates: position \[m\] and orientation chart \[rad\].
@@ -150,229 +152,249 @@ pub struct Canonical {
     pub rotation: DVec3,
 }
 
-/// What the map says about a moving pose in the world.
+/// What the map says about a moving pose in the world, at a moving phase.
 #[derive(Debug, Clone, Copy)]
 pub struct Mapped {
     /// y.
     pub point: Canonical,
     /// ẏ.
     pub velocity: Canonical,
-    /// ∂y_p/∂x_p, the upper left block of J = ∂y/∂x.
+    /// ÿ for ẍ = 0 and s̈ = 0.
+    pub drift: Canonical,
+    /// ∂y_p/∂x_p.
     pub position_jacobian: DMat3,
-    /// ∂y_r/∂x_p, its lower left block; the upper right is zero.
-    pub cross_jacobian: DMat3,
-    /// ∂y_r/∂(angular displacement), its lower right block.
+    /// ∂y_r/∂(angular displacement).
     pub rotation_jacobian: DMat3,
-    /// Linear part of b, the acceleration of x for ÿ = 0 \[m/s²\].
-    pub linear_bias: DVec3,
-    /// Angular part of b \[rad/s²\].
-    pub angular_bias: DVec3,
-    /// Determinant of the map's position part, before [`DETERMINANT_MIN`].
-    pub determinant: f64,
+    /// ∂y/∂s.
+    pub phase_derivative: Canonical,
 }
 
-impl Mapped {
-    /// b on \[linear; angular\].
-    #[must_use]
-    pub fn bias(&self) -> Vector6<f64> {
-        let (l, a) = (self.linear_bias, self.angular_bias);
-        Vector6::new(l.x, l.y, l.z, a.x, a.y, a.z)
-    }
-}
-
-/// The map of a skill: canonical frames, axis and ramp. Immutable.
+/// The map of a skill. Immutable.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameMap {
-    canonical: CanonicalFrames,
-    axis: DVec3,
-    length: f64,
+    anchors: [Anchor; FRAME_CAPACITY],
+    count: usize,
+    goal: Pose,
+    positions_turn: bool,
 }
 
 /// The frames as they are now, ready to map with.
 #[derive(Debug, Clone, Copy)]
 pub struct Displacement {
-    start_image: Vec3<Jet>,
-    goal_image: Vec3<Jet>,
-    start_rotation: Quat<Jet>,
-    twist: Vec3<Jet>,
-    moving: bool,
+    /// x_p.
+    images: [Vec3<Jet>; FRAME_CAPACITY],
+    /// φ_p.
+    twists: [Vec3<Jet>; FRAME_CAPACITY],
+    /// Q_1.
+    rotation: Quat<Jet>,
 }
 
-/// The ramp α and its first two derivatives: 0 at t = 0, 1 at t = 1, slope at most 1.25.
-fn ramp(t: f64) -> [f64; 3] {
-    const LOWER: f64 = 0.1;
-    const UPPER: f64 = 0.9;
-    const WIDTH: f64 = 0.08;
-    let soft_plus = |z: f64| z.max(0.0) + (-z.abs()).exp().ln_1p();
-    let integral = |t: f64| {
-        0.5 * WIDTH * (soft_plus(2.0 * (t - LOWER) / WIDTH) - soft_plus(2.0 * (t - UPPER) / WIDTH))
-    };
-    let (lower, upper) = (((t - LOWER) / WIDTH).tanh(), ((t - UPPER) / WIDTH).tanh());
-    let scale = 1.0 / (integral(1.0) - integral(0.0));
+/// A smooth way from 0 at t = 0 to 1 at t = 1, and its first two derivatives: at rest outside, its
+/// slope rises within `rise` of either end to 1/(1 − rise) and is constant between.
+///
+/// * `rise`  above 0, at most ½
+#[must_use]
+pub fn ramp(t: f64, rise: f64) -> [f64; 3] {
+    let speed = 1.0 / (1.0 - rise);
+    if t > 0.5 {
+        let [value, slope, bend] = ramp(1.0 - t, rise);
+        return [1.0 - value, slope, -bend];
+    }
+    let u = (t / rise).max(0.0);
+    if u >= 1.0 {
+        return [speed * (t - 0.5 * rise), speed, 0.0];
+    }
+    // The slope is u² (3 − 2u), so that its own slope is zero at either end of the rise.
     [
-        (integral(t) - integral(0.0)) * scale,
-        0.5 * (lower - upper) * scale,
-        0.5 * (upper * upper - lower * lower) / WIDTH * scale,
+        speed * rise * u * u * u * (1.0 - 0.5 * u),
+        speed * u * u * (3.0 - 2.0 * u),
+        speed / rise * 6.0 * u * (1.0 - u),
     ]
 }
 
-/// a bᵀ.
-fn outer(a: DVec3, b: DVec3) -> DMat3 {
-    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+/// p(s), c(s) and R(s).
+struct Rigid<S> {
+    image: Vec3<S>,
+    centre: Vec3<S>,
+    turn: Quat<S>,
 }
 
 impl FrameMap {
-    /// The map of these canonical frames.
+    /// The map of these anchors in the order of their phases; the last one's frame carries the goal.
+    ///
+    /// * `goal`  in canonical coordinates, e.g. the grasp; its orientation is q_g
+    /// * `positions_turn`  whether the way to the goal turns with the frames
     ///
     /// # Errors
-    /// When start and goal coincide.
-    pub fn new(canonical: CanonicalFrames) -> Result<Self, FrameMapError> {
-        let axis = canonical.goal.position - canonical.start.position;
-        let length = axis.length();
-        if length.is_nan() || length <= 1e-6 {
-            return Err(FrameMapError::NoAxis);
+    /// When there are no anchors or too many, or their phases are not in order.
+    pub fn new(
+        anchors: &[Anchor],
+        goal: Pose,
+        positions_turn: bool,
+    ) -> Result<Self, FrameMapError> {
+        let count = anchors.len();
+        let Some(last) = anchors.last().filter(|_| count <= FRAME_CAPACITY) else {
+            return Err(FrameMapError::AnchorCount(count));
+        };
+        for (i, pair) in anchors.windows(2).enumerate() {
+            let distance = pair[1].phase - pair[0].phase;
+            if !(distance.is_finite() && distance >= PHASE_DISTANCE_MIN) {
+                return Err(FrameMapError::PhasesTooClose(i + 1));
+            }
         }
-        Ok(Self { canonical, axis: axis / length, length })
+        let mut stored = [*last; FRAME_CAPACITY];
+        stored[..count].copy_from_slice(anchors);
+        Ok(Self { anchors: stored, count, goal, positions_turn })
     }
 
-    /// Its canonical frames.
+    /// Its anchors in the order of their phases; the last one's frame carries the goal.
     #[must_use]
-    pub fn canonical(&self) -> &CanonicalFrames {
-        &self.canonical
+    pub fn anchors(&self) -> &[Anchor] {
+        &self.anchors[..self.count]
     }
 
-    /// Takes in where the frames are and how they move.
+    /// The frame that carries the goal, in canonical coordinates.
     #[must_use]
-    pub fn displace(&self, start: &FrameMotion, goal_frame: &FrameMotion) -> Displacement {
-        let rotation = |frame: &FrameMotion, canonical: &Pose| {
-            Quat::moving(
-                frame.pose.orientation * canonical.orientation.conjugate(),
+    pub fn goal_frame(&self) -> Pose {
+        self.anchors[self.count - 1].frame
+    }
+
+    /// The goal in canonical coordinates.
+    #[must_use]
+    pub fn goal(&self) -> Pose {
+        self.goal
+    }
+
+    /// Whether the way to the goal turns with the frames.
+    #[must_use]
+    pub fn positions_turn(&self) -> bool {
+        self.positions_turn
+    }
+
+    /// How many frames it takes.
+    #[must_use]
+    pub fn frame_count(&self) -> usize {
+        self.anchors().iter().map(|anchor| anchor.index + 1).max().unwrap_or(0)
+    }
+
+    /// Where the goal is for these frames; `None` when there are too few.
+    #[must_use]
+    pub fn goal_among(&self, frames: &[FrameMotion]) -> Option<Pose> {
+        let anchor = &self.anchors[self.count - 1];
+        let grasp = anchor.frame.inverse().compose(&self.goal);
+        Some(frames.get(anchor.index)?.pose.compose(&grasp))
+    }
+
+    /// Takes in where the frames are and how they move; `None` when there are too few.
+    #[must_use]
+    pub fn displace(&self, frames: &[FrameMotion]) -> Option<Displacement> {
+        let zero = Vec3::constant(DVec3::ZERO);
+        let mut displacement = Displacement {
+            images: [zero; FRAME_CAPACITY],
+            twists: [zero; FRAME_CAPACITY],
+            rotation: Quat::constant(DQuat::IDENTITY),
+        };
+        let mut before = displacement.rotation;
+        for (p, anchor) in self.anchors().iter().enumerate() {
+            let frame = frames.get(anchor.index)?;
+            let rotation = Quat::moving(
+                frame.pose.orientation * anchor.frame.orientation.conjugate(),
                 frame.angular_velocity,
                 frame.angular_acceleration,
-            )
-        };
-        let origin = |frame: &FrameMotion| {
-            Vec3::moving(frame.pose.position, frame.linear_velocity, frame.linear_acceleration)
-        };
-        let start_rotation = rotation(start, &self.canonical.start);
-        let goal_rotation = rotation(goal_frame, &self.canonical.goal_frame);
-        let lever = self.canonical.goal.position - self.canonical.goal_frame.position;
-        let motions = [start, goal_frame].map(|f| {
-            f.linear_velocity.length_squared()
-                + f.angular_velocity.length_squared()
-                + f.linear_acceleration.length_squared()
-                + f.angular_acceleration.length_squared()
-        });
-        Displacement {
-            start_image: origin(start),
-            goal_image: origin(goal_frame).plus(goal_rotation.rotate(Vec3::constant(lever))),
-            start_rotation,
-            twist: goal_rotation.times(start_rotation.conjugate()).log(),
-            moving: motions != [0.0, 0.0],
-        }
-    }
-
-    /// Takes in where the only frame of a skill is and how it moves: the start is fixed to it, and
-    /// the whole space moves with it.
-    #[must_use]
-    pub fn displace_rigidly(&self, frame: &FrameMotion) -> Displacement {
-        let start = self.canonical.goal_frame.inverse().compose(&self.canonical.start);
-        self.displace(&frame.carrying(&start), frame)
-    }
-
-    /// Where a canonical point lies in the world.
-    #[must_use]
-    pub fn forward(&self, displacement: &Displacement, y: &Canonical) -> Pose {
-        let (x, q) =
-            self.forward_in(displacement, Vec3(y.position.to_array()), Vec3(y.rotation.to_array()));
-        Pose {
-            position: DVec3::from_array(x.0),
-            orientation: DQuat::from_xyzw(q.v.0[0], q.v.0[1], q.v.0[2], q.w),
-        }
-    }
-
-    fn forward_in<S: Real + FromJet>(
-        &self,
-        d: &Displacement,
-        position: Vec3<S>,
-        rotation: Vec3<S>,
-    ) -> (Vec3<S>, Quat<S>) {
-        let start = Vec3::<S>::constant(self.canonical.start.position);
-        let along = Vec3::<S>::constant(self.axis / self.length);
-        let phase = along.dot(position.minus(start));
-        let alpha = phase.chain(ramp(phase.value()));
-        let (start_image, goal_image) = (S::vector(d.start_image), S::vector(d.goal_image));
-        let image = start_image.plus(goal_image.minus(start_image).times(alpha));
-        let turn =
-            Quat::exp(S::vector(d.twist).times(alpha)).times(S::quaternion(d.start_rotation));
-        let axis = Vec3::<S>::constant(self.axis * self.length);
-        let center = start.plus(axis.times(alpha));
-        let goal = Quat::<S>::constant(self.canonical.goal.orientation);
-        let arm = position.minus(center);
-        let arm = if self.canonical.positions_turn { turn.rotate(arm) } else { arm };
-        (image.plus(arm), turn.times(goal).times(Quat::exp(rotation)))
-    }
-
-    /// The canonical point of a pose in the world; `phase` is the phase of the last call, from
-    /// which the search starts, and is replaced by the new one.
-    #[must_use]
-    pub fn inverse(&self, d: &Displacement, pose: &Pose, phase: &mut f64) -> Canonical {
-        let (t, position, turn) = self.invert_position(d, pose.position, *phase);
-        *phase = t;
-        let chart = self.canonical.goal.orientation.conjugate() * turn.conjugate();
-        Canonical { position, rotation: rotation_vector(chart * pose.orientation) }
-    }
-
-    /// R(α) and φ in the line of x_p.
-    fn turn_of_positions(&self, turn: DQuat, twist: DVec3) -> (DQuat, DVec3) {
-        if self.canonical.positions_turn { (turn, twist) } else { (DQuat::IDENTITY, DVec3::ZERO) }
-    }
-
-    /// Solves t = uᵀ(y_p(t) − c_s)/D by Newton's method, safeguarded by bisection.
-    fn invert_position(&self, d: &Displacement, x: DVec3, guess: f64) -> (f64, DVec3, DQuat) {
-        let (start_image, goal_image, twist, start_rotation) = d.values();
-        let span = goal_image - start_image;
-        let reach = ((x - start_image).length() + span.length()) / self.length;
-        let (mut lower, mut upper) = (-reach - 1.2, reach + 1.2);
-        let mut t = if guess > lower && guess < upper { guess } else { 0.5 };
-        let at = |t: f64| {
-            let [alpha, slope, _] = ramp(t);
-            let turn = DQuat::from_scaled_axis(twist * alpha) * start_rotation;
-            let arm = x - start_image - span * alpha;
-            let (turning, twisting) = self.turn_of_positions(turn, twist);
-            let local = turning.conjugate() * arm;
-            let residual = t - alpha - self.axis.dot(local) / self.length;
-            let change = turning.conjugate() * (twisting.cross(arm) + span);
-            let derivative = 1.0 - slope * (1.0 - self.axis.dot(change) / self.length);
-            (residual, derivative, alpha, local, turn)
-        };
-        let mut now = at(t);
-        for _ in 0..INVERSE_ITERATIONS_MAX {
-            if now.0 > 0.0 {
-                upper = t;
+            );
+            let origin =
+                Vec3::moving(frame.pose.position, frame.linear_velocity, frame.linear_acceleration);
+            let lever = Vec3::constant(anchor.point - anchor.frame.position);
+            displacement.images[p] = origin.plus(rotation.rotate(lever));
+            if p == 0 {
+                displacement.rotation = rotation;
             } else {
-                lower = t;
+                displacement.twists[p - 1] = rotation.times(before.conjugate()).log();
             }
-            let newton = t - now.0 / now.1;
-            let next =
-                if newton > lower && newton < upper { newton } else { 0.5 * (lower + upper) };
-            let change = (next - t).abs();
-            t = next;
-            now = at(t);
-            if change < PHASE_TOLERANCE {
-                break;
-            }
+            before = rotation;
         }
-        let (_, _, alpha, local, turn) = now;
-        (t, self.canonical.start.position + self.axis * (alpha * self.length) + local, turn)
+        Some(displacement)
     }
 
-    /// Maps a moving pose: point, velocity, Jacobian and bias.
+    /// α_p as a function of the phase.
+    fn ramp_at(&self, p: usize, phase: f64) -> [f64; 3] {
+        let (from, to) = (self.anchors[p].phase, self.anchors[p + 1].phase);
+        let rate = 1.0 / (to - from);
+        let [value, slope, bend] = ramp((phase - from) * rate, RISE);
+        [value, slope * rate, bend * rate * rate]
+    }
+
+    fn rigid<S: Real + FromJet>(&self, d: &Displacement, phase: S) -> Rigid<S> {
+        let mut rigid = Rigid {
+            image: S::vector(d.images[0]),
+            centre: Vec3::constant(self.anchors[0].point),
+            turn: S::quaternion(d.rotation),
+        };
+        for p in 0..self.count - 1 {
+            let alpha = phase.chain(self.ramp_at(p, phase.value()));
+            let step = S::vector(d.images[p + 1]).minus(S::vector(d.images[p]));
+            rigid.image = rigid.image.plus(step.times(alpha));
+            let step = self.anchors[p + 1].point - self.anchors[p].point;
+            rigid.centre = rigid.centre.plus(Vec3::constant(step).times(alpha));
+            rigid.turn = Quat::exp(S::vector(d.twists[p]).times(alpha)).times(rigid.turn);
+        }
+        rigid
+    }
+
+    fn inverse_in<S: Real + FromJet>(
+        &self,
+        rigid: &Rigid<S>,
+        position: Vec3<S>,
+        orientation: Quat<S>,
+    ) -> (Vec3<S>, Vec3<S>) {
+        let back = rigid.turn.conjugate();
+        let arm = position.minus(rigid.image);
+        let arm = if self.positions_turn { back.rotate(arm) } else { arm };
+        let goal = Quat::<S>::constant(self.goal.orientation.conjugate());
+        (rigid.centre.plus(arm), goal.times(back).times(orientation).log())
+    }
+
+    /// Where a canonical point lies in the world at a phase.
+    #[must_use]
+    pub fn forward(&self, displacement: &Displacement, phase: f64, y: &Canonical) -> Pose {
+        let rigid = self.rigid::<f64>(displacement, phase);
+        let arm = Vec3(y.position.to_array()).minus(rigid.centre);
+        let arm = if self.positions_turn { rigid.turn.rotate(arm) } else { arm };
+        let orientation = rigid.turn.value() * self.goal.orientation;
+        Pose {
+            position: DVec3::from_array(rigid.image.plus(arm).0),
+            orientation: orientation * DQuat::from_scaled_axis(y.rotation),
+        }
+    }
+
+    /// The canonical point of a pose in the world at a phase.
+    #[must_use]
+    pub fn inverse(&self, displacement: &Displacement, phase: f64, pose: &Pose) -> Canonical {
+        let rigid = self.rigid::<f64>(displacement, phase);
+        let position = Vec3(pose.position.to_array());
+        let (y, r) = self.inverse_in(&rigid, position, Quat::constant(pose.orientation));
+        Canonical { position: DVec3::from_array(y.0), rotation: DVec3::from_array(r.0) }
+    }
+
+    /// p′, c′ and the rate of R over the phase, as a rotation vector in the world.
+    fn rates(&self, d: &Displacement, phase: f64) -> (DVec3, DVec3, DVec3) {
+        let (mut image, mut centre, mut turn) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
+        for p in 0..self.count - 1 {
+            let [alpha, slope, _] = self.ramp_at(p, phase);
+            image += (d.images[p + 1].value() - d.images[p].value()) * slope;
+            centre += (self.anchors[p + 1].point - self.anchors[p].point) * slope;
+            let twist = d.twists[p].value();
+            turn = twist * slope + DQuat::from_scaled_axis(twist * alpha) * turn;
+        }
+        (image, centre, turn)
+    }
+
+    /// Maps a moving pose at a moving phase: point, velocity, drift and Jacobian.
     ///
     /// * `linear`, `angular`  velocity of the pose in the world \[m/s, rad/s\]
-    /// * `phase`  as in [`FrameMap::inverse`]
+    /// * `phase`, `rate`  s and ṡ \[1/s\]
     ///
-    /// With ẋ = F ẏ + ∂x/∂t and J = F⁻¹: ẏ = J (ẋ − ∂x/∂t) and ẍ = F ÿ + b.
+    /// With x = (position, orientation): ẏ = J ẋ + ∂y/∂s ṡ + ∂y/∂t and ÿ = J ẍ + ∂y/∂s s̈ + drift.
     ///
     /// Hot path: no allocation. Input that is not finite gives output that is not finite.
     #[must_use]
@@ -382,68 +404,34 @@ impl FrameMap {
         pose: &Pose,
         linear: DVec3,
         angular: DVec3,
-        phase: &mut f64,
+        phase: f64,
+        rate: f64,
     ) -> Mapped {
-        let point = self.inverse(d, pose, phase);
-        let [alpha, slope, _] = ramp(*phase);
-        let (start_image, goal_image, twist, start_rotation) = d.values();
-        let turn = DQuat::from_scaled_axis(twist * alpha) * start_rotation;
-        let (turning, twisting) = self.turn_of_positions(turn, twist);
-        let turn_back = DMat3::from_quat(turn.conjugate());
-        let turning_back = DMat3::from_quat(turning.conjugate());
-        let arm = pose.position - start_image - (goal_image - start_image) * alpha;
-        // ∂x/∂α at fixed y, in the world and in canonical orientation.
-        let along =
-            goal_image - start_image + twisting.cross(arm) - turning * (self.axis * self.length);
-        let along_canonical = turning_back * along;
-        let gradient = self.axis * (slope / self.length);
-        let determinant = 1.0 + gradient.dot(along_canonical);
-        // Sherman–Morrison on F_pp = R (I + along ∇αᵀ).
-        let floored = determinant.max(DETERMINANT_MIN);
-        let position_jacobian =
-            (DMat3::IDENTITY - outer(along_canonical, gradient) * (1.0 / floored)) * turning_back;
-        let to_chart = DMat3::from_quat(self.canonical.goal.orientation.conjugate()) * turn_back;
-        let rotation_jacobian = inverse_left_jacobian(point.rotation) * to_chart;
-        let cross_jacobian = -(rotation_jacobian * outer(twist, gradient)) * position_jacobian;
-
-        let (mut linear_left, mut angular_left) = (linear, angular);
-        if d.moving {
-            let still = (
-                Vec3::moving(point.position, DVec3::ZERO, DVec3::ZERO),
-                Vec3::moving(point.rotation, DVec3::ZERO, DVec3::ZERO),
-            );
-            let (x, q) = self.forward_in(d, still.0, still.1);
-            linear_left -= x.first();
-            angular_left -= q.angular_motion().0;
-        }
-        let velocity = Canonical {
-            position: position_jacobian * linear_left,
-            rotation: rotation_jacobian * angular_left + cross_jacobian * linear_left,
-        };
-        let (x, q) = self.forward_in(
-            d,
-            Vec3::moving(point.position, velocity.position, DVec3::ZERO),
-            Vec3::moving(point.rotation, velocity.rotation, DVec3::ZERO),
+        let rigid = self.rigid(d, Jet(phase, rate, 0.0));
+        let (y, r) = self.inverse_in(
+            &rigid,
+            Vec3::moving(pose.position, linear, DVec3::ZERO),
+            Quat::moving(pose.orientation, angular, DVec3::ZERO),
         );
+        let point = Canonical { position: y.value(), rotation: r.value() };
+        let turn_back = DMat3::from_quat(rigid.turn.value().conjugate());
+        let to_chart = DMat3::from_quat(self.goal.orientation.conjugate()) * turn_back;
+        let rotation_jacobian = inverse_left_jacobian(point.rotation) * to_chart;
+        let (image, centre, turn) = self.rates(d, phase);
+        let (position_jacobian, along) = if self.positions_turn {
+            let arm = pose.position - rigid.image.value();
+            (turn_back, centre - turn_back * (image + turn.cross(arm)))
+        } else {
+            (DMat3::IDENTITY, centre - image)
+        };
         Mapped {
             point,
-            velocity,
+            velocity: Canonical { position: y.first(), rotation: r.first() },
+            drift: Canonical { position: y.second(), rotation: r.second() },
             position_jacobian,
-            cross_jacobian,
             rotation_jacobian,
-            linear_bias: x.second(),
-            angular_bias: q.angular_motion().1,
-            determinant,
+            phase_derivative: Canonical { position: along, rotation: -(rotation_jacobian * turn) },
         }
-    }
-}
-
-impl Displacement {
-    fn values(&self) -> (DVec3, DVec3, DVec3, DQuat) {
-        let vector = |v: Vec3<Jet>| DVec3::from_array(v.0.map(Real::value));
-        let [x, y, z] = self.start_rotation.v.0.map(Real::value);
-        let rotation = DQuat::from_xyzw(x, y, z, self.start_rotation.w.value());
-        (vector(self.start_image), vector(self.goal_image), vector(self.twist), rotation)
     }
 }
 
@@ -478,55 +466,56 @@ mod tests {
         Pose { position: position.into(), orientation: DQuat::from_scaled_axis(rotation.into()) }
     }
 
-    fn maps() -> [FrameMap; 2] {
-        [true, false].map(map_that_turns)
+    fn anchors() -> [Anchor; 3] {
+        let start = pose([0.4, 0.1, 0.3], [0.0, 0.2, 0.1]);
+        let way = pose([0.7, -0.1, 0.1], [0.1, 0.0, -0.4]);
+        let goal_frame = pose([0.5, -0.25, 0.03], [0.0, 0.0, 0.3]);
+        [
+            Anchor { index: 0, frame: start, point: start.position, phase: 0.0 },
+            Anchor { index: 2, frame: way, point: DVec3::new(0.72, -0.1, 0.2), phase: 0.4 },
+            Anchor { index: 1, frame: goal_frame, point: goal().position, phase: 1.0 },
+        ]
     }
 
-    fn map_that_turns(positions_turn: bool) -> FrameMap {
-        FrameMap::new(CanonicalFrames {
-            positions_turn,
-            start: pose([0.4, 0.1, 0.3], [0.0, 0.2, 0.1]),
-            goal_frame: pose([0.5, -0.25, 0.03], [0.0, 0.0, 0.3]),
-            goal: pose([0.505, -0.248, 0.058], [3.0, 0.1, 0.2]),
-        })
-        .unwrap()
+    fn goal() -> Pose {
+        pose([0.505, -0.248, 0.058], [3.0, 0.1, 0.2])
     }
 
-    /// Frames on a curve in time, with their exact motion by construction.
-    fn frames(t: f64) -> (FrameMotion, FrameMotion) {
-        let start = FrameMotion {
+    /// With and without a frame on the way, with and without positions that turn.
+    fn maps() -> Vec<FrameMap> {
+        let [start, way, goal_frame] = anchors();
+        let mut maps = Vec::new();
+        for turn in [true, false] {
+            maps.push(FrameMap::new(&[start, goal_frame], goal(), turn).unwrap());
+            maps.push(FrameMap::new(&[start, way, goal_frame], goal(), turn).unwrap());
+            maps.push(FrameMap::new(&[goal_frame], goal(), turn).unwrap());
+        }
+        maps
+    }
+
+    /// A frame on a curve in time: its pose, and its exact motion by construction.
+    fn moving(t: f64, speed: f64, origin: DVec3) -> FrameMotion {
+        let spin = speed * t + 0.1 * t * t;
+        FrameMotion {
             pose: Pose {
-                position: DVec3::new(0.42 + 0.05 * t, 0.12 - 0.1 * t * t, 0.31),
-                orientation: DQuat::from_scaled_axis(
-                    DVec3::new(0.0, 0.1, 0.2) + DVec3::Z * 0.3 * t,
-                ),
+                position: origin
+                    + DVec3::new(0.15 * (speed * t).sin(), 0.1 * t * t, -0.2 * speed * t),
+                orientation: DQuat::from_rotation_z(spin) * DQuat::from_rotation_x(0.2 * speed),
             },
-            linear_velocity: DVec3::new(0.05, -0.2 * t, 0.0),
-            angular_velocity: DVec3::ZERO,
-            linear_acceleration: DVec3::new(0.0, -0.2, 0.0),
-            angular_acceleration: DVec3::ZERO,
-        };
-        let spin = 0.8 * t + 0.1 * t * t;
-        let goal = FrameMotion {
-            pose: Pose {
-                position: DVec3::new(0.5 + 0.15 * t.sin(), -0.25 + 0.15 * t.cos(), 0.03 + 0.02 * t),
-                orientation: DQuat::from_rotation_z(spin) * DQuat::from_rotation_x(0.2),
-            },
-            linear_velocity: DVec3::new(0.15 * t.cos(), -0.15 * t.sin(), 0.02),
-            angular_velocity: DVec3::Z * (0.8 + 0.2 * t),
-            linear_acceleration: DVec3::new(-0.15 * t.sin(), -0.15 * t.cos(), 0.0),
+            linear_velocity: DVec3::new(0.15 * speed * (speed * t).cos(), 0.2 * t, -0.2 * speed),
+            angular_velocity: DVec3::Z * (speed + 0.2 * t),
+            linear_acceleration: DVec3::new(-0.15 * speed * speed * (speed * t).sin(), 0.2, 0.0),
             angular_acceleration: DVec3::Z * 0.2,
-        };
-        // The start frame's rotation vector moves: take its motion from its quaternion.
-        let h = 1e-4;
-        let q = |t: f64| DQuat::from_scaled_axis(DVec3::new(0.0, 0.1, 0.2) + DVec3::Z * 0.3 * t);
-        let omega = |t: f64| rotation_vector(q(t + h) * q(t - h).conjugate()) / (2.0 * h);
-        let start = FrameMotion {
-            angular_velocity: omega(t),
-            angular_acceleration: (omega(t + h) - omega(t - h)) / (2.0 * h),
-            ..start
-        };
-        (start, goal)
+        }
+    }
+
+    /// Far from their canonical places: the goal on the other side of the start.
+    fn frames(t: f64) -> [FrameMotion; 3] {
+        [
+            moving(t, -0.3, DVec3::new(0.42, 0.12, 0.31)),
+            moving(t, 0.8, DVec3::new(0.3, 0.6, 0.5)),
+            moving(t, 1.4, DVec3::new(0.1, 0.1, 0.3)),
+        ]
     }
 
     fn points() -> impl Iterator<Item = Canonical> {
@@ -543,110 +532,166 @@ mod tests {
         })
     }
 
+    fn phases() -> impl Iterator<Item = f64> {
+        (0..60).map(|i| -0.2 + 1.4 * f64::from(i) / 59.0)
+    }
+
     #[test]
     fn ramp_is_flat_outside_and_its_derivatives_are_right() {
-        assert!(ramp(0.0)[0].abs() < 1e-15 && (ramp(1.0)[0] - 1.0).abs() < 1e-15);
-        assert!(ramp(-2.0)[1].abs() < 1e-9 && ramp(3.0)[1].abs() < 1e-9);
-        let h = 1e-6;
-        for i in -10..30 {
-            let t = 0.07 * f64::from(i);
-            let [_, slope, bend] = ramp(t);
-            assert!((slope - (ramp(t + h)[0] - ramp(t - h)[0]) / (2.0 * h)).abs() < 1e-8);
-            assert!((bend - (ramp(t + h)[1] - ramp(t - h)[1]) / (2.0 * h)).abs() < 1e-7);
-            assert!((-1e-12..=1.26).contains(&slope));
-        }
-    }
-
-    #[test]
-    fn canonical_frames_map_to_themselves_and_moved_ones_move_their_points() {
-        maps().iter().for_each(check_images);
-    }
-
-    fn check_images(map: &FrameMap) {
-        let canonical = *map.canonical();
-        let still = map.displace(
-            &FrameMotion::at_rest(canonical.start),
-            &FrameMotion::at_rest(canonical.goal_frame),
-        );
-        for y in points() {
-            assert!((map.forward(&still, &y).position - y.position).length() < 1e-14);
-        }
-        let (start, goal) = frames(0.3);
-        let moved = map.displace(&start, &goal);
-        let goal_point = Canonical { position: canonical.goal.position, rotation: DVec3::ZERO };
-        let image = map.forward(&moved, &goal_point);
-        let expected = goal.pose.compose(&canonical.goal_frame.inverse().compose(&canonical.goal));
-        assert!((image.position - expected.position).length() < 1e-12);
-        assert!(image.rotation_from(&expected).length() < 1e-12);
-        assert!((moved.values().1 - expected.position).length() < 1e-12);
-    }
-
-    #[test]
-    fn inverse_undoes_forward_from_any_guess() {
-        maps().iter().for_each(check_inverse);
-    }
-
-    fn check_inverse(map: &FrameMap) {
-        let (start, goal) = frames(0.5);
-        let d = map.displace(&start, &goal);
-        for y in points() {
-            let pose = map.forward(&d, &y);
-            for guess in [-3.0, 0.0, 0.5, 1.0, 4.0, f64::NAN] {
-                let mut phase = guess;
-                let back = map.inverse(&d, &pose, &mut phase);
-                assert!((back.position - y.position).length() < 1e-11);
-                assert!((back.rotation - y.rotation).length() < 1e-11);
+        for rise in [0.1, RISE, 0.5] {
+            for t in [-2.0, 0.0] {
+                assert_eq!(ramp(t, rise), [0.0; 3]);
+                assert_eq!(ramp(1.0 - t, rise).map(f64::abs), [1.0, 0.0, 0.0]);
+            }
+            let h = 1e-6;
+            for i in -10..30 {
+                let t = 0.07 * f64::from(i) + 0.001;
+                let [_, slope, bend] = ramp(t, rise);
+                let (before, after) = (ramp(t - h, rise), ramp(t + h, rise));
+                assert!((slope - (after[0] - before[0]) / (2.0 * h)).abs() < 1e-8);
+                assert!((bend - (after[1] - before[1]) / (2.0 * h)).abs() < 1e-4);
+                assert!((0.0..=1.0 / (1.0 - rise)).contains(&slope));
             }
         }
     }
 
-    /// Follows x(t) = forward(frames(t), y(t)) for a straight y(t) and compares what the map says
-    /// at t = 0.4 with finite differences: velocity, Jacobian and bias at once.
     #[test]
-    fn velocity_and_bias_agree_with_finite_differences() {
-        maps().iter().for_each(check_derivatives);
-    }
-
-    fn check_derivatives(map: &FrameMap) {
-        let t0 = 0.4;
-        for (i, y) in points().enumerate() {
-            let s = i as f64;
-            let rate = Canonical {
-                position: DVec3::new((s * 0.8).cos(), 0.7 * (s * 0.3).sin(), -0.4),
-                rotation: DVec3::new(0.5, (s * 0.45).sin(), -0.8 * (s * 0.2).cos()),
-            };
-            let at = |t: f64| {
-                let (start, goal) = frames(t0 + t);
-                let moved = Canonical {
-                    position: y.position + rate.position * t,
-                    rotation: y.rotation + rate.rotation * t,
-                };
-                map.forward(&map.displace(&start, &goal), &moved)
-            };
-            let h = 1e-4;
-            let (before, now, after) = (at(-h), at(0.0), at(h));
-            let linear = (after.position - before.position) / (2.0 * h);
-            let angular = after.rotation_from(&before) / (2.0 * h);
-            let linear_acceleration =
-                (after.position - 2.0 * now.position + before.position) / (h * h);
-            let angular_acceleration =
-                (after.rotation_from(&now) - now.rotation_from(&before)) / (h * h);
-            let (start, goal) = frames(t0);
-            let mapped = map.map(&map.displace(&start, &goal), &now, linear, angular, &mut 0.5);
-            assert!(mapped.determinant > DETERMINANT_MIN);
-            let velocity_error = (mapped.velocity.position - rate.position).length()
-                + (mapped.velocity.rotation - rate.rotation).length();
-            assert!(velocity_error < 1e-6, "{velocity_error:e}");
-            let bias_error = (mapped.linear_bias - linear_acceleration).length()
-                + (mapped.angular_bias - angular_acceleration).length();
-            assert!(bias_error < 1e-5, "{bias_error:e}");
+    fn canonical_frames_map_to_themselves_and_moved_ones_carry_what_they_rule() {
+        for map in maps() {
+            let still = [0, 1, 2].map(|index| {
+                let anchor = anchors().into_iter().find(|anchor| anchor.index == index).unwrap();
+                FrameMotion::at_rest(anchor.frame)
+            });
+            let d = map.displace(&still).unwrap();
+            for (y, phase) in points().zip(phases()) {
+                assert!((map.forward(&d, phase, &y).position - y.position).length() < 1e-14);
+            }
+            let moved = frames(0.3);
+            let d = map.displace(&moved).unwrap();
+            for anchor in map.anchors() {
+                let y = Canonical { position: anchor.point, rotation: DVec3::ZERO };
+                let image = map.forward(&d, anchor.phase, &y);
+                let held = Pose { position: anchor.point, ..goal() };
+                let expected =
+                    moved[anchor.index].pose.compose(&anchor.frame.inverse().compose(&held));
+                assert!((image.position - expected.position).length() < 1e-12);
+                assert!(image.rotation_from(&expected).length() < 1e-12);
+            }
+            let y = Canonical { position: goal().position, rotation: DVec3::ZERO };
+            let image = map.forward(&d, 1.0, &y);
+            let expected = map.goal_among(&moved).unwrap();
+            assert!((image.position - expected.position).length() < 1e-12);
+            assert!(image.rotation_from(&expected).length() < 1e-12);
         }
     }
 
     #[test]
-    fn no_axis_is_refused() {
-        let mut frames = *map_that_turns(true).canonical();
-        frames.goal.position = frames.start.position;
-        assert_eq!(FrameMap::new(frames).unwrap_err(), FrameMapError::NoAxis);
+    fn with_one_frame_the_whole_space_moves_rigidly() {
+        let map = FrameMap::new(&anchors()[2..], goal(), true).unwrap();
+        assert_eq!(map.frame_count(), 2);
+        let moved = frames(0.3);
+        let d = map.displace(&moved).unwrap();
+        for (y, phase) in points().zip(phases()) {
+            let expected = moved[1]
+                .pose
+                .compose(&map.goal_frame().inverse())
+                .compose(&Pose { position: y.position, orientation: DQuat::IDENTITY });
+            let image = map.forward(&d, phase, &y);
+            assert!((image.position - expected.position).length() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn inverse_undoes_forward_at_any_phase() {
+        for map in maps() {
+            let d = map.displace(&frames(0.5)).unwrap();
+            for (y, phase) in points().zip(phases()) {
+                let back = map.inverse(&d, phase, &map.forward(&d, phase, &y));
+                assert!((back.position - y.position).length() < 1e-12);
+                assert!((back.rotation - y.rotation).length() < 1e-12);
+            }
+        }
+    }
+
+    /// Follows x(t) = forward(frames(t), s(t), y(t)) for straight y(t) and s(t), so that ÿ = s̈ = 0,
+    /// and compares what the map says at t = 0.4 with finite differences.
+    #[test]
+    fn velocity_drift_and_jacobian_agree_with_finite_differences() {
+        let t0 = 0.4;
+        for map in maps() {
+            for (i, (y, phase)) in points().zip(phases()).enumerate() {
+                let s = i as f64;
+                let phase_rate = 0.6 * (s * 0.21).cos();
+                let rate = Canonical {
+                    position: DVec3::new((s * 0.8).cos(), 0.7 * (s * 0.3).sin(), -0.4),
+                    rotation: DVec3::new(0.5, (s * 0.45).sin(), -0.8 * (s * 0.2).cos()),
+                };
+                let at = |t: f64| {
+                    let moved = Canonical {
+                        position: y.position + rate.position * t,
+                        rotation: y.rotation + rate.rotation * t,
+                    };
+                    let d = map.displace(&frames(t0 + t)).unwrap();
+                    map.forward(&d, phase + phase_rate * t, &moved)
+                };
+                let h = 1e-4;
+                let (before, now, after) = (at(-h), at(0.0), at(h));
+                let linear = (after.position - before.position) / (2.0 * h);
+                let angular = after.rotation_from(&before) / (2.0 * h);
+                let linear_acceleration =
+                    (after.position - 2.0 * now.position + before.position) / (h * h);
+                let angular_acceleration =
+                    (after.rotation_from(&now) - now.rotation_from(&before)) / (h * h);
+                let d = map.displace(&frames(t0)).unwrap();
+                let mapped = map.map(&d, &now, linear, angular, phase, phase_rate);
+                let velocity_error = (mapped.velocity.position - rate.position).length()
+                    + (mapped.velocity.rotation - rate.rotation).length();
+                assert!(velocity_error < 1e-6, "{velocity_error:e}");
+                // ÿ = 0 = J ẍ + drift.
+                let drift_error = (mapped.position_jacobian * linear_acceleration
+                    + mapped.drift.position)
+                    .length()
+                    + (mapped.rotation_jacobian * angular_acceleration + mapped.drift.rotation)
+                        .length();
+                assert!(drift_error < 1e-5, "{drift_error:e}");
+
+                let h = 1e-6;
+                let [low, high] = [-h, h].map(|step| map.inverse(&d, phase + step, &now));
+                let along = (high.position - low.position) / (2.0 * h);
+                assert!((along - mapped.phase_derivative.position).length() < 1e-7);
+                let along = (high.rotation - low.rotation) / (2.0 * h);
+                assert!((along - mapped.phase_derivative.rotation).length() < 1e-7);
+                for axis in DVec3::AXES {
+                    let [low, high] = [-h, h].map(|step| {
+                        let turn = DQuat::from_scaled_axis(axis * step);
+                        let moved = Pose {
+                            position: now.position + axis * step,
+                            orientation: turn * now.orientation,
+                        };
+                        map.inverse(&d, phase, &moved)
+                    });
+                    let column = (high.position - low.position) / (2.0 * h);
+                    assert!((column - mapped.position_jacobian * axis).length() < 1e-8);
+                    let column = (high.rotation - low.rotation) / (2.0 * h);
+                    assert!((column - mapped.rotation_jacobian * axis).length() < 1e-7);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn too_few_frames_and_anchors_out_of_order_are_refused() {
+        let [start, way, goal_frame] = anchors();
+        let map = |anchors: &[Anchor]| FrameMap::new(anchors, goal(), true);
+        assert_eq!(map(&[]).unwrap_err(), FrameMapError::AnchorCount(0));
+        let many = [start; FRAME_CAPACITY + 1];
+        assert_eq!(map(&many).unwrap_err(), FrameMapError::AnchorCount(FRAME_CAPACITY + 1));
+        let error = map(&[start, goal_frame, way]).unwrap_err();
+        assert_eq!(error, FrameMapError::PhasesTooClose(2));
+        let late = Anchor { phase: f64::NAN, ..way };
+        assert_eq!(map(&[start, late]).unwrap_err(), FrameMapError::PhasesTooClose(1));
+        let three = map(&[start, way, goal_frame]).unwrap();
+        assert!(three.displace(&frames(0.0)[..2]).is_none());
+        assert_eq!(three.frame_count(), 3);
     }
 }

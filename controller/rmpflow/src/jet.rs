@@ -121,6 +121,11 @@ impl Vec3<Jet> {
     pub fn moving(v: DVec3, velocity: DVec3, acceleration: DVec3) -> Self {
         Self([0, 1, 2].map(|i| Jet(v[i], velocity[i], acceleration[i])))
     }
+    /// Value.
+    #[must_use]
+    pub fn value(self) -> DVec3 {
+        DVec3::from_array(self.0.map(|c| c.0))
+    }
     /// First time derivative.
     #[must_use]
     pub fn first(self) -> DVec3 {
@@ -178,6 +183,13 @@ impl<S: Real> Quat<S> {
         let s = r.dot(r);
         let (sinc, cos) = half_angle_functions(s.value());
         Self { w: s.chain(cos), v: r.times(s.chain(sinc)) }
+    }
+
+    /// Its value.
+    #[must_use]
+    pub fn value(self) -> DQuat {
+        let [x, y, z] = self.v.0.map(Real::value);
+        DQuat::from_xyzw(x, y, z, self.w.value())
     }
 
     /// The Hamilton product self ⊗ q.

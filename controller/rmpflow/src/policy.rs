@@ -4,13 +4,12 @@ use glam::DVec3;
 
 use crate::frame_map::{FrameMotion, Pose};
 use crate::product_skill::{ProductSkill, ProductState};
-use crate::skill::{Skill, SkillInertia, SkillValue};
+use crate::skill::{Phase, Skill, SkillInertia, SkillValue};
 
 /// A learned policy: immutable.
 #[derive(Debug, Clone)]
 pub enum Policy {
-    /// Fields in canonical coordinates behind a frame map; its frames are start and goal, or the
-    /// goal's alone.
+    /// Fields on canonical coordinates and the phase, behind a frame map.
     Canonical(Skill),
     /// Products of Gaussians in the plane.
     Plane(ProductSkill<2>),
@@ -23,11 +22,42 @@ pub enum Policy {
 /// What a policy needs between calls. It serves a policy of any kind, and belongs to one policy.
 #[derive(Debug, Clone, Default)]
 pub struct PolicyState {
-    /// Phase of the last call of a canonical skill.
-    phase: f64,
+    /// Where a canonical skill is on its way; found anew when there is none.
+    phase: Option<Phase>,
     plane: ProductState<2>,
     space: ProductState<3>,
     pose: ProductState<6>,
+}
+
+impl PolicyState {
+    /// Forgets where the skill is on its way: the next [`Policy::evaluate`] finds the phase that suits the
+    /// pose. After the tool was moved by something else.
+    pub fn restart(&mut self) {
+        self.phase = None;
+    }
+
+    /// Goes on from a phase.
+    pub fn resume(&mut self, phase: Phase) {
+        self.phase = Some(phase);
+    }
+
+    /// Where a canonical skill is on its way, once it was evaluated.
+    #[must_use]
+    pub fn phase(&self) -> Option<Phase> {
+        self.phase
+    }
+
+    /// Goes on for `dt_s` with the acceleration that the tool gets, forces of others included.
+    ///
+    /// * `value`  of the last [`Policy::evaluate`]
+    /// * `linear`, `angular`  acceleration of the pose in the world \[m/s², rad/s²\]
+    ///
+    /// Hot path: no allocation. Numbers that are not finite change nothing.
+    pub fn advance(&mut self, value: &SkillValue, linear: DVec3, angular: DVec3, dt_s: f64) {
+        if let Some(phase) = &mut self.phase {
+            phase.advance(&value.phase, linear, angular, dt_s);
+        }
+    }
 }
 
 impl Policy {
@@ -56,7 +86,8 @@ impl Policy {
     ///
     /// * `frames`  in the order of the policy's frames, at least [`Policy::frame_count`] of them
     /// * `linear`, `angular`  velocity of the pose in the world \[m/s, rad/s\]
-    /// * `state`  of the last call
+    /// * `state`  of the last call, which [`PolicyState::advance`] lets go on; until then the same
+    ///   arguments give the same value
     ///
     /// Hot path: no allocation. Input that is not finite, or fewer frames than the policy has, gives
     /// output that is not finite, which [`resolve`](crate::natural::Natural::resolve) refuses.
@@ -75,7 +106,9 @@ impl Policy {
                 let Some(displacement) = skill.displace(frames) else {
                     return SkillValue::undefined();
                 };
-                let phase = &mut state.phase;
+                let phase = state
+                    .phase
+                    .get_or_insert_with(|| skill.nearest_phase(inertia, &displacement, pose));
                 skill.evaluate(inertia, &displacement, pose, linear, angular, phase)
             }
             Self::Plane(skill) => {
@@ -96,14 +129,7 @@ impl Policy {
     #[must_use]
     pub fn goal(&self, frames: &[FrameMotion], state: &mut PolicyState) -> Pose {
         match self {
-            Self::Canonical(skill) => {
-                let Some(goal_frame) = frames.get(skill.frame_count() - 1) else {
-                    return Pose::UNDEFINED;
-                };
-                let canonical = skill.map.canonical();
-                let grasp = canonical.goal_frame.inverse().compose(&canonical.goal);
-                goal_frame.pose.compose(&grasp)
-            }
+            Self::Canonical(skill) => skill.map.goal_among(frames).unwrap_or(Pose::UNDEFINED),
             Self::Plane(skill) => {
                 skill.update(frames, &mut state.plane);
                 state.plane.goal()
@@ -123,13 +149,13 @@ impl Policy {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::{Background, Component, Field};
-    use crate::frame_map::{CanonicalFrames, FrameMap};
+    use crate::field::{Component, Field};
+    use crate::frame_map::{Anchor, FrameMap};
     use crate::gaussian_product::PoseGaussian;
     use crate::product_skill::ProductComponent;
     use crate::skill::PositionField;
     use glam::DQuat;
-    use nalgebra::{Matrix3, SMatrix, Vector3};
+    use nalgebra::{Matrix4, SMatrix, Vector4};
 
     const INERTIA: SkillInertia = SkillInertia { linear_kg: 2.0, angular_kg_m2: 0.1 };
 
@@ -139,28 +165,24 @@ mod tests {
 
     fn canonical() -> Policy {
         let goal = pose([0.5, -0.25, 0.06], 0.4);
-        let frames = CanonicalFrames {
-            positions_turn: true,
-            start: pose([0.4, 0.1, 0.3], 0.1),
-            goal_frame: pose([0.5, -0.25, 0.03], 0.3),
-            goal,
-        };
+        let start = pose([0.4, 0.1, 0.3], 0.1);
+        let goal_frame = pose([0.5, -0.25, 0.03], 0.3);
+        let anchors = [
+            Anchor { index: 0, frame: start, point: start.position, phase: 0.0 },
+            Anchor { index: 1, frame: goal_frame, point: goal.position, phase: 1.0 },
+        ];
         let component = Component {
-            mean: Vector3::from(goal.position.to_array()),
-            precision: Matrix3::identity() * 20.0,
-            metric: Matrix3::identity(),
+            mean: Vector4::new(goal.position.x, goal.position.y, goal.position.z, 1.0),
+            metric: Matrix4::identity(),
             potential: 0.0,
-            gradient: Vector3::zeros(),
-            hessian: Matrix3::identity() * 16.0,
+            gradient: Vector4::zeros(),
+            hessian: Matrix4::identity() * 16.0,
         };
-        let background =
-            Background { exponent: -10.0, metric: 1.0, offset: 0.0, slope: 20.0, softening: 0.05 };
-        let field = Field::new(&[component], background, 8.0).unwrap();
+        let field = Field::new(&[component], 0.1, 8.0).unwrap();
         Policy::Canonical(Skill {
-            map: FrameMap::new(frames).unwrap(),
+            map: FrameMap::new(&anchors, goal, true).unwrap(),
             position: PositionField::Space(Box::new(field)),
             orientation: None,
-            single_frame: false,
         })
     }
 
@@ -186,6 +208,7 @@ mod tests {
             [pose([0.35, 0.1, 0.3], 0.2), pose([0.55, -0.2, 0.03], 0.5)].map(FrameMotion::at_rest);
         let mut state = PolicyState::default();
         for policy in policies {
+            state.restart();
             let goal = policy.goal(&frames, &mut state);
             let evaluate = |frames: &[FrameMotion], pose: &Pose, state: &mut PolicyState| {
                 policy.evaluate(&INERTIA, frames, pose, DVec3::ZERO, DVec3::ZERO, state)
@@ -196,7 +219,6 @@ mod tests {
             assert!(evaluate(&frames, &beside, &mut state).natural.force[0] < -0.1);
             let inertia = at_goal.natural.metric;
             assert_eq!(inertia[(5, 5)] > 0.0, policy.turns());
-            // The frame map stretches the space of the canonical skill.
             assert!((inertia[(0, 0)] / INERTIA.linear_kg - 1.0).abs() < 0.3);
             let too_few = &frames[..policy.frame_count() - 1];
             assert!(evaluate(too_few, &goal, &mut state).natural.resolve().is_err());

@@ -243,13 +243,13 @@ impl<'a> Shown<'a> {
     }
 
     /// Where each component weighs most, and its part in the force at a point beside the first
-    /// demonstration  [thesis fig. 4.3b]; for planar skills.
+    /// demonstration  [thesis fig. 4.3b].
     pub(crate) fn forces(&self, forces: &Forces) -> Figure {
         let mut panels = self.canvas.panels(None);
         let panel = &mut panels[0];
         let view = self.canvas.views[0];
         let phases: Vec<f64> = self.scene.gaussians.iter().map(|g| g.phase).collect();
-        for (k, phase) in phases.iter().chain([&1.0]).enumerate() {
+        for (k, phase) in phases.iter().enumerate() {
             let weight = |p| forces.weights(p).get(k).copied().unwrap_or(0.0);
             Grid::new(panel, weight).draw_above(panel, MOST, &pale_of_phase(*phase));
         }
@@ -273,10 +273,8 @@ impl<'a> Shown<'a> {
             }
         };
         for share in &shares {
-            if let Some(mean) = share.mean {
-                arrow(mean, share.attraction, BLUE);
-                arrow(mean, share.nominal, RED);
-            }
+            arrow(share.mean, share.attraction, BLUE);
+            arrow(share.mean, share.nominal, RED);
         }
         for (force, colour) in at_state {
             arrow(state, force, colour);

@@ -1,4 +1,4 @@
-//! What each component of a planar skill contributes to the force at a point  [thesis fig. 4.3b].
+//! What each component of a planar product of Gaussians contributes to the force at a point  [thesis fig. 4.3b].
 //!
 //! −∇Φ = Σ_k (−w_k ∇φ_k) + Σ_k (−φ_k ∇w_k): attraction to the means of the nearest Gaussians, and the
 //! nominal force along the order of the Gaussians  [thesis eq. 4.12–4.14].
@@ -6,34 +6,33 @@
 use glam::DVec2;
 use nalgebra::Vector2;
 use tprmp_model::skill_model::{Policy, SkillModel};
-use tprmp_rmpflow::field::{Background, Field};
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
-use tprmp_rmpflow::gaussian_field::GaussianField;
+use tprmp_rmpflow::gaussian_field::{GaussianComponent, GaussianField};
 use tprmp_rmpflow::policy;
 use tprmp_rmpflow::product_skill::ProductState;
 
 /// A component's part in the force at a point. Forces are in proportion to each other.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Share {
-    /// μ [m]; `None` for the background, which has none.
-    pub mean: Option<DVec2>,
+    /// μ [m].
+    pub mean: DVec2,
     /// −w ∇φ.
     pub attraction: DVec2,
     /// −φ ∇w.
     pub nominal: DVec2,
 }
 
-/// The components of a planar skill's field in the robot's base frame.
-pub(crate) enum Forces {
-    /// Those of the canonical field, the goal's and the background's last.
-    Canonical(Box<Field<2>>, Background),
-    /// The products of what the frames see, and δ.
-    Product(Box<GaussianField<2>>, f64),
+/// The components of a planar product of Gaussians in the robot's base frame: the products of what the
+/// frames see.
+pub(crate) struct Forces {
+    field: Box<GaussianField<2>>,
+    /// δ.
+    huber_threshold: f64,
 }
 
 /// A component at a point.
 struct Term {
-    mean: Option<Vector2<f64>>,
+    mean: Vector2<f64>,
     /// In proportion to its weight.
     activation: f64,
     /// Λ v.
@@ -45,38 +44,28 @@ struct Term {
 }
 
 impl Forces {
-    /// The components with these frames; those of a canonical policy have to be at their canonical
-    /// poses. `None` when the skill is not planar, or there is no product of the Gaussians.
+    /// The components with these frames. `None` when the policy is not a product in the plane, whose
+    /// components differ by place and not by phase, or there is no product of the Gaussians.
     pub(crate) fn new(
         model: &SkillModel,
         policy: &policy::Policy,
         frames: &[Pose],
     ) -> Option<Self> {
-        match (&model.policy, policy) {
-            (Policy::Canonical { position, .. }, _) if model.manifold.position_dimension() == 2 => {
-                Some(Self::Canonical(Box::new(position.field::<2>()), position.background.into()))
-            }
-            (Policy::Thesis(thesis), policy::Policy::Plane(product)) => {
-                let frames: Vec<_> = frames.iter().copied().map(FrameMotion::at_rest).collect();
-                let mut state = ProductState::new();
-                product.update(&frames, &mut state);
-                Some(Self::Product(Box::new(state.field()?.clone()), thesis.huber_threshold))
-            }
-            _ => None,
-        }
+        let (Policy::Thesis(thesis), policy::Policy::Plane(product)) = (&model.policy, policy)
+        else {
+            return None;
+        };
+        let frames: Vec<_> = frames.iter().copied().map(FrameMotion::at_rest).collect();
+        let mut state = ProductState::new();
+        product.update(&frames, &mut state);
+        let field = Box::new(state.field()?.clone());
+        Some(Self { field, huber_threshold: thesis.huber_threshold })
     }
 
     /// w_k of each component.
     pub(crate) fn weights(&self, point: DVec2) -> Vec<f64> {
         let y = Vector2::new(point.x, point.y);
-        match self {
-            Self::Canonical(..) => {
-                let activations: Vec<f64> = self.terms(&y).iter().map(|t| t.activation).collect();
-                let sum: f64 = activations.iter().sum();
-                activations.iter().map(|a| a / sum).collect()
-            }
-            Self::Product(field, _) => field.weights(&y)[..field.components().len()].to_vec(),
-        }
+        self.field.weights(&y)[..self.field.components().len()].to_vec()
     }
 
     /// The shares of all components in the force at a point.
@@ -88,7 +77,7 @@ impl Forces {
         let share = |t: &Term| {
             let weight = t.activation / sum;
             Share {
-                mean: t.mean.map(plain),
+                mean: plain(t.mean),
                 attraction: plain(t.slope * -weight),
                 // ∇w = w (p̄ − Λ v)
                 nominal: plain((mean_pull - t.pull) * (-t.potential * weight)),
@@ -98,71 +87,31 @@ impl Forces {
     }
 
     fn terms(&self, y: &Vector2<f64>) -> Vec<Term> {
-        match self {
-            Self::Canonical(field, background) => {
-                let mut terms: Vec<Term> = field
-                    .components()
-                    .iter()
-                    .map(|component| {
-                        let offset = y - component.mean;
-                        let pull = component.precision * offset;
-                        let bend = component.hessian * offset;
-                        Term {
-                            mean: Some(component.mean),
-                            activation: (-0.5 * offset.dot(&pull)).exp(),
-                            pull,
-                            potential: component.potential
-                                + component.gradient.dot(&offset)
-                                + 0.5 * bend.dot(&offset),
-                            slope: component.gradient + bend,
-                        }
-                    })
-                    .collect();
-                let away = y - field.goal();
-                let root = away.norm().hypot(background.softening);
-                terms.push(Term {
-                    mean: None,
-                    activation: background.exponent.exp(),
-                    pull: Vector2::zeros(),
-                    potential: background.offset + background.slope * (root - background.softening),
-                    slope: away * (background.slope / root),
-                });
-                terms
+        let field = &self.field;
+        let term = |(component, activation): (GaussianComponent<2>, f64)| {
+            // The potential of a component is that of a field which has no other.
+            let alone = GaussianField::new(
+                std::slice::from_ref(&component),
+                field.metric_scale(),
+                self.huber_threshold,
+            );
+            let alone = alone.expect("a component of a field").evaluate(y, &Vector2::zeros());
+            Term {
+                mean: component.mean,
+                activation,
+                pull: component.precision * (y - component.mean),
+                potential: alone.potential,
+                slope: alone.gradient,
             }
-            Self::Product(field, huber_threshold) => {
-                let weights = field.weights(y);
-                let term = |(component, activation)| {
-                    // The potential of a component is that of a field which has no other.
-                    let alone = GaussianField::new(
-                        std::slice::from_ref(&component),
-                        field.metric_scale(),
-                        *huber_threshold,
-                    );
-                    let alone =
-                        alone.expect("a component of a field").evaluate(y, &Vector2::zeros());
-                    Term {
-                        mean: Some(component.mean),
-                        activation,
-                        pull: component.precision * (y - component.mean),
-                        potential: alone.potential,
-                        slope: alone.gradient,
-                    }
-                };
-                field.components().zip(weights).map(term).collect()
-            }
-        }
+        };
+        field.components().zip(field.weights(y)).map(term).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::policy::Learned;
-    use glam::DVec3;
     use nalgebra::Matrix2;
-    use std::path::Path;
-    use tprmp_model::skill_model;
-    use tprmp_rmpflow::gaussian_field::GaussianComponent;
 
     /// The shares at a point add up to the force, the weights to one.
     #[track_caller]
@@ -180,21 +129,6 @@ mod tests {
     }
 
     #[test]
-    fn shares_add_up_to_the_force_of_a_canonical_policy() {
-        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/canonical_plane.ron");
-        let model = skill_model::read(&golden).unwrap();
-        let learned = Learned::new(&model).unwrap();
-        let frames: [Pose; 2] = [model.canonical.start.into(), model.canonical.goal_frame.into()];
-        let forces = Forces::new(&model, learned.policy(), &frames).unwrap();
-        let mut situation = learned.situation(&frames);
-        for point in points() {
-            let pose = Pose { position: point.extend(0.0), ..Pose::IDENTITY };
-            let force = situation.evaluate(&pose, DVec3::ZERO, DVec3::ZERO).natural.force;
-            adds_up(&forces, point, DVec2::new(force[0], force[1]));
-        }
-    }
-
-    #[test]
     fn shares_add_up_to_the_force_of_products() {
         let component = |i: usize| {
             let s = i as f64;
@@ -208,7 +142,7 @@ mod tests {
         let threshold = 1.3;
         let components: Vec<_> = (0..4).map(component).collect();
         let field = GaussianField::new(&components, 0.25, threshold).unwrap();
-        let forces = Forces::Product(Box::new(field.clone()), threshold);
+        let forces = Forces { field: Box::new(field.clone()), huber_threshold: threshold };
         for point in points() {
             let y = Vector2::new(point.x, point.y);
             let gradient = field.evaluate(&y, &Vector2::zeros()).gradient;

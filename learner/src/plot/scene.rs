@@ -10,6 +10,7 @@ use tprmp_rmpflow::product_skill::{ProductSkill, ProductState};
 
 use super::forces::Forces;
 use super::projection::Ellipsoid;
+use crate::canonical::phase_of_time;
 use crate::policy::{Learned, Situation};
 use crate::rollout::{Course, acceleration, follow};
 
@@ -25,7 +26,8 @@ const ARRIVED_SHARE: f64 = 1e-3;
 /// … and in radians.
 const ARRIVED_RAD: f64 = 5e-3;
 
-/// The position part of a policy at a point, at rest, for an inertia of 1 kg at the goal.
+/// The position part of a policy at a point, at rest, for an inertia of 1 kg at the goal, at the phase
+/// at which the point is most at home.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sample {
     /// Φ above that of the goal [J].
@@ -64,7 +66,7 @@ impl<'a> Skill<'a> {
     ) -> Result<Self, EvaluationError> {
         Ok(Self {
             model,
-            map: FrameMap::new(model.canonical.into())?,
+            map: model.frame_map()?,
             policy: Learned::new(model)?,
             position: Learned::new(position)?,
             position_manifold: position.manifold,
@@ -83,12 +85,15 @@ impl<'a> Skill<'a> {
 
     /// Frames in the model's order, as the map takes them in.
     pub(crate) fn displacement(&self, frames: &[Pose]) -> Displacement {
-        let motion = |p: usize| FrameMotion::at_rest(frames[p]);
-        if self.single_frame() {
-            self.map.displace_rigidly(&motion(0))
-        } else {
-            self.map.displace(&motion(0), &motion(1))
-        }
+        let frames: Vec<_> = frames.iter().copied().map(FrameMotion::at_rest).collect();
+        self.map.displace(&frames).expect("they are the model's frames")
+    }
+
+    /// How far it is from the start to the farthest of the other frames [m].
+    pub(crate) fn way(&self) -> f64 {
+        let start = DVec3::from_array(self.model.canonical.start.position_m);
+        let points = self.map.anchors().iter().map(|anchor| anchor.point);
+        points.map(|point| (point - start).length()).fold(0.0, f64::max)
     }
 }
 
@@ -129,7 +134,10 @@ impl<'a> Scene<'a> {
     ) -> Self {
         let displacement = skill.displacement(&frames);
         let carried = |path: &Vec<Canonical>| -> Vec<Pose> {
-            path.iter().map(|y| skill.map.forward(&displacement, y)).collect()
+            let last = (path.len() - 1) as f64;
+            let phase = |i: usize| phase_of_time(i as f64 / last);
+            let points = path.iter().enumerate();
+            points.map(|(i, y)| skill.map.forward(&displacement, phase(i), y)).collect()
         };
         let moving: Vec<FrameMotion> = frames.iter().copied().map(FrameMotion::at_rest).collect();
         let policy = skill.policy.policy();
@@ -160,14 +168,13 @@ impl<'a> Scene<'a> {
         let goal = self.goal;
         let manifold = self.skill.position_manifold;
         let mut situation = self.skill.position.situation(&self.frames);
-        let at_goal = situation.evaluate(&goal, DVec3::ZERO, DVec3::ZERO).energy;
+        let at_goal = situation.energy_at(&goal);
         move |position| sample(&mut situation, manifold, at_goal, &Pose { position, ..goal })
     }
 
     /// Paths from these starts at rest, in their order, a pose every [`SAMPLE_S`].
     pub(crate) fn rollouts(&self, starts: &[Pose]) -> Vec<Vec<Pose>> {
-        let canonical = self.skill.map.canonical();
-        let way = (canonical.goal.position - canonical.start.position).length();
+        let way = self.skill.way();
         let rollout = |start: &Pose| {
             let course = Course {
                 start: *start,
@@ -190,12 +197,13 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Takes a Gaussian along with the frames, to first order at its mean.
+/// Takes a Gaussian along with the frames at its phase.
 fn carry(map: &FrameMap, displacement: &Displacement, gaussian: &Ellipsoid) -> Ellipsoid {
     let y = Canonical { position: gaussian.mean, rotation: DVec3::ZERO };
-    let pose = map.forward(displacement, &y);
-    let mapped = map.map(displacement, &pose, DVec3::ZERO, DVec3::ZERO, &mut 0.5);
-    let jacobian = mapped.position_jacobian.inverse();
+    let phase = phase_of_time(gaussian.phase);
+    let pose = map.forward(displacement, phase, &y);
+    let mapped = map.map(displacement, &pose, DVec3::ZERO, DVec3::ZERO, phase, 0.0);
+    let jacobian = mapped.position_jacobian.transpose();
     Ellipsoid {
         mean: pose.position,
         covariance: jacobian * gaussian.covariance * jacobian.transpose(),
@@ -230,6 +238,7 @@ fn products<const D: usize>(
 /// f = −∇Φ − ξ − B ẋ with ξ quadratic in ẋ: at rest it is −∇Φ, and half the difference of f for
 /// opposite velocities is −B ẋ.
 fn sample(situation: &mut Situation, manifold: Manifold, at_goal: f64, pose: &Pose) -> Sample {
+    situation.restart();
     let rest = situation.evaluate(pose, DVec3::ZERO, DVec3::ZERO);
     let dimension = manifold.position_dimension();
     let mut trace = 0.0;

@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec2, DVec3};
 use serde_json::Value;
-use tprmp_rmpflow::frame_map::{Canonical, CanonicalFrames, FrameMap, FrameMotion, Pose};
+use tprmp_rmpflow::frame_map::{Anchor, Canonical, FrameMap, FrameMotion, Pose};
 
 use crate::log::{Bridge, Row};
 use crate::record::Demonstration;
@@ -35,8 +35,8 @@ pub(crate) fn pictures(
     let mut pictures = Vec::new();
     if driven.len() > 1 {
         pictures.push(("path", path(&driven, bridge, demonstrations)));
-        if let Some(svg) = canonical(&driven, bridge, demonstrations) {
-            pictures.push(("canonical", svg));
+        if let Some(svg) = from_goal(&driven, bridge, demonstrations) {
+            pictures.push(("from_goal", svg));
         }
         pictures.push(("error", error(&driven, scene)));
         pictures.push(("clearance", clearance(&driven)));
@@ -72,21 +72,28 @@ fn at(point: DVec2) -> Canonical {
     Canonical { position: point.extend(0.0), rotation: DVec3::ZERO }
 }
 
-/// The frame map in which the goal is the goal frame's origin; `None` without an axis.
-fn map_between(start: &PlanarPose, goal: &PlanarPose) -> Option<FrameMap> {
-    let (start, goal_frame) = (pose(start), pose(goal));
-    FrameMap::new(CanonicalFrames { start, goal_frame, goal: goal_frame, positions_turn: true })
-        .ok()
+/// The frame map of the start frame and a goal frame whose origin is the goal.
+fn map_between(start: &PlanarPose, goal: &PlanarPose) -> FrameMap {
+    let anchor = |index: usize, frame: &PlanarPose, phase| {
+        let frame = pose(frame);
+        Anchor { index, frame, point: frame.position, phase }
+    };
+    let anchors = [anchor(0, start, 0.0), anchor(1, goal, 1.0)];
+    FrameMap::new(&anchors, pose(goal), true).expect("their phases are in order")
 }
 
-/// A demonstration carried over to the frames of the run, as the skill carries it.
+/// A demonstration carried over to the frames of the run, as the skill carries it: the phase of a
+/// sample is taken as its share of the time.
 fn carried(demonstration: &Demonstration, start: &PlanarPose, goal: &PlanarPose) -> Vec<DVec2> {
-    let Some(map) = map_between(&demonstration.start, &demonstration.goal) else {
-        return Vec::new();
+    let map = map_between(&demonstration.start, &demonstration.goal);
+    let displacement =
+        map.displace(&[at_rest(start), at_rest(goal)]).expect("there are both frames");
+    let last = demonstration.points.len().max(2) - 1;
+    let forward = |(i, p): (usize, &DVec2)| {
+        let phase = i as f64 / last as f64;
+        map.forward(&displacement, phase, &at(*p)).position.truncate()
     };
-    let displacement = map.displace(&at_rest(start), &at_rest(goal));
-    let points = demonstration.points.iter();
-    points.map(|p| map.forward(&displacement, &at(*p)).position.truncate()).collect()
+    demonstration.points.iter().enumerate().map(forward).collect()
 }
 
 fn path(rows: &[Row], bridge: &Bridge, demonstrations: &[Demonstration]) -> String {
@@ -163,25 +170,23 @@ fn axis_tips(frame: &PlanarPose) -> [DVec2; 2] {
         .map(|turn| frame.position_m + AXIS_M * DVec2::from_angle(frame.angle_rad + turn))
 }
 
-fn canonical(rows: &[Row], bridge: &Bridge, demonstrations: &[Demonstration]) -> Option<String> {
+fn from_goal(rows: &[Row], bridge: &Bridge, demonstrations: &[Demonstration]) -> Option<String> {
     let start = bridge.episode.start();
-    // Seen from the frames as they stand at the run's beginning.
+    // The goal is held where it stood at the run's beginning.
     let first = goal_frame(rows.first()?);
-    let map = map_between(&start, &first)?;
-    let mut phase = 0.0;
     let seen: Vec<DVec2> = rows
         .iter()
         .map(|row| {
-            let displacement = map.displace(&at_rest(&start), &at_rest(&goal_frame(row)));
-            let here = Pose { position: position(row).extend(0.0), orientation: DQuat::IDENTITY };
-            map.inverse(&displacement, &here, &mut phase).position.truncate()
+            let goal = goal_frame(row);
+            let turn = DVec2::from_angle(first.angle_rad - goal.angle_rad);
+            first.position_m + turn.rotate(position(row) - goal.position_m)
         })
         .collect();
     let shown: Vec<Vec<DVec2>> =
         demonstrations.iter().map(|d| carried(d, &start, &first)).collect();
     let points: Vec<DVec2> = shown.iter().flatten().chain(&seen).copied().collect();
     let labels = ["x with the goal held still [m]", "y with the goal held still [m]"];
-    let mut plot = Plot::map("The run as the skill sees it", labels, &points, WIDTH);
+    let mut plot = Plot::map("The run as seen from the goal", labels, &points, WIDTH);
     for (i, points) in shown.iter().enumerate() {
         let label = (i == 0).then_some("demonstrations");
         plot.line(points.iter().copied(), Stroke::solid(GREY, 1.2), label);

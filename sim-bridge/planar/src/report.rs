@@ -319,7 +319,7 @@ mod tests {
         assert_eq!(result["state_age_us"]["p99"], 900.0);
         assert_eq!((&result["ticks"], &result["allocations"]), (&json!(2000), &json!(0)));
         let html = std::fs::read_to_string(run.folder.join(REPORT_FILE)).unwrap();
-        for name in ["path", "canonical", "error", "clearance", "limits", "latency"] {
+        for name in ["path", "from_goal", "error", "clearance", "limits", "latency"] {
             assert!(html.contains(&format!("<figure id=\"{name}\">")), "{name}");
         }
         assert_eq!(html.matches("</svg>").count(), 6);

@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3};
 use nalgebra::SMatrix;
-use tprmp_rmpflow::frame_map::{self, FrameMap, FrameMapError};
+use tprmp_rmpflow::frame_map::{self, Anchor, FrameMap, FrameMapError};
 use tprmp_rmpflow::gaussian_product::PoseGaussian;
 use tprmp_rmpflow::policy;
 use tprmp_rmpflow::product_skill::{ProductComponent, ProductSkill, ProductSkillError};
@@ -13,17 +13,17 @@ use super::{FieldModel, FrameGaussian, FrameMixture, Manifold, Policy, SkillMode
 /// Why a model cannot be evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EvaluationError {
-    /// Start and goal coincide.
-    #[error("start and goal are at the same place")]
-    NoAxis,
+    /// The frames make no map.
+    #[error("the frames cannot be followed ({0:?})")]
+    Frames(FrameMapError),
     /// The Gaussians of the frames do not multiply.
     #[error("the Gaussians of the frames cannot be multiplied ({0:?})")]
     Product(ProductSkillError),
 }
 
 impl From<FrameMapError> for EvaluationError {
-    fn from(_: FrameMapError) -> Self {
-        Self::NoAxis
+    fn from(error: FrameMapError) -> Self {
+        Self::Frames(error)
     }
 }
 
@@ -52,6 +52,37 @@ impl SkillModel {
         })
     }
 
+    /// The map of the model's frames.
+    ///
+    /// # Errors
+    /// When the phases of the waypoints are not in order, which a valid model's are.
+    ///
+    /// # Panics
+    /// When a waypoint is none of the model's frames.
+    pub fn frame_map(&self) -> Result<FrameMap, FrameMapError> {
+        let canonical = &self.canonical;
+        let index = |name: &str| {
+            self.frames.iter().position(|frame| frame.name == name).expect("a frame of the model")
+        };
+        let anchor = |name: &str, pose: &super::Pose, point_m: [f64; 3], phase| Anchor {
+            index: index(name),
+            frame: (*pose).into(),
+            point: DVec3::from_array(point_m),
+            phase,
+        };
+        let mut anchors = Vec::new();
+        if self.start_frame != self.goal_frame {
+            let start = &canonical.start;
+            anchors.push(anchor(&self.start_frame, start, start.position_m, 0.0));
+        }
+        for way in &canonical.waypoints {
+            anchors.push(anchor(&way.frame, &way.pose, way.point_m, way.phase));
+        }
+        let goal = &canonical.goal;
+        anchors.push(anchor(&self.goal_frame, &canonical.goal_frame, goal.position_m, 1.0));
+        FrameMap::new(&anchors, (*goal).into(), canonical.positions_turn)
+    }
+
     fn canonical_skill(
         &self,
         position: &FieldModel,
@@ -62,10 +93,9 @@ impl SkillModel {
             Manifold::R3 | Manifold::R3S3 => PositionField::Space(Box::new(position.field())),
         };
         Ok(Skill {
-            map: FrameMap::new(self.canonical.into())?,
+            map: self.frame_map()?,
             position,
             orientation: orientation.map(|field| Box::new(field.field())),
-            single_frame: self.start_frame == self.goal_frame,
         })
     }
 }

@@ -3,9 +3,9 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{SMatrix, SVector};
 use tprmp_rmpflow::field::{self, Field};
-use tprmp_rmpflow::frame_map::{self, CanonicalFrames};
+use tprmp_rmpflow::frame_map;
 
-use super::{Background, Canonical, Component, FieldModel, Pose};
+use super::{Component, FieldModel, Pose};
 
 impl From<Pose> for frame_map::Pose {
     fn from(pose: Pose) -> Self {
@@ -24,37 +24,15 @@ impl From<frame_map::Pose> for Pose {
     }
 }
 
-impl From<Canonical> for CanonicalFrames {
-    fn from(canonical: Canonical) -> Self {
-        Self {
-            start: canonical.start.into(),
-            goal_frame: canonical.goal_frame.into(),
-            goal: canonical.goal.into(),
-            positions_turn: canonical.positions_turn,
-        }
-    }
-}
-
-impl From<CanonicalFrames> for Canonical {
-    fn from(canonical: CanonicalFrames) -> Self {
-        Self {
-            start: canonical.start.into(),
-            goal_frame: canonical.goal_frame.into(),
-            goal: canonical.goal.into(),
-            positions_turn: canonical.positions_turn,
-        }
-    }
-}
-
 impl FieldModel {
     /// The field, ready to be evaluated.
     ///
     /// # Panics
-    /// When D is not the field's dimension, which the manifold tells.
+    /// When N is not the field's dimension, the phase included, which the manifold tells.
     #[must_use]
-    pub fn field<const D: usize>(&self) -> Field<D> {
-        let components: Vec<_> = self.components.iter().map(Component::evaluated::<D>).collect();
-        Field::new(&components, self.background.into(), self.damping_1_s)
+    pub fn field<const N: usize>(&self) -> Field<N> {
+        let components: Vec<_> = self.components.iter().map(Component::evaluated::<N>).collect();
+        Field::new(&components, self.phase_width, self.damping_1_s)
             .expect("a valid model has between two and as many components as a field holds")
     }
 
@@ -62,13 +40,13 @@ impl FieldModel {
     #[must_use]
     pub fn from_parts<const D: usize>(
         components: &[field::Component<D>],
-        background: field::Background,
+        phase_width: f64,
         damping_1_s: f64,
     ) -> Self {
         Self {
             damping_1_s,
+            phase_width,
             components: components.iter().map(Component::stored).collect(),
-            background: background.into(),
         }
     }
 }
@@ -77,7 +55,6 @@ impl Component {
     fn evaluated<const D: usize>(&self) -> field::Component<D> {
         field::Component {
             mean: vector(&self.mean),
-            precision: matrix(&self.precision),
             metric: matrix(&self.metric),
             potential: self.potential,
             gradient: vector(&self.gradient),
@@ -88,26 +65,11 @@ impl Component {
     fn stored<const D: usize>(component: &field::Component<D>) -> Self {
         Self {
             mean: component.mean.as_slice().to_vec(),
-            precision: rows(&component.precision),
             metric: rows(&component.metric),
             potential: component.potential,
             gradient: component.gradient.as_slice().to_vec(),
             hessian: rows(&component.hessian),
         }
-    }
-}
-
-impl From<Background> for field::Background {
-    fn from(background: Background) -> Self {
-        let Background { exponent, metric, offset, slope, softening } = background;
-        Self { exponent, metric, offset, slope, softening }
-    }
-}
-
-impl From<field::Background> for Background {
-    fn from(background: field::Background) -> Self {
-        let field::Background { exponent, metric, offset, slope, softening } = background;
-        Self { exponent, metric, offset, slope, softening }
     }
 }
 

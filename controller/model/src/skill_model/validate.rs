@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 use tprmp_rmpflow::field::COMPONENT_CAPACITY;
+use tprmp_rmpflow::frame_map::PHASE_DISTANCE_MIN;
 
 use super::{
     Component, FRAME_CAPACITY, FieldModel, Gaussian, Policy, Pose, SkillModel, ThesisModel,
@@ -12,9 +13,6 @@ type Violation = (String, String);
 
 /// Relative tolerance of symmetry, of the goal's identity metric and of unit quaternions.
 const TOLERANCE: f64 = 1e-9;
-
-/// Least distance between the canonical start and goal [m]: the axis of the phase.
-const START_GOAL_DISTANCE_MIN_M: f64 = 1e-3;
 
 impl SkillModel {
     /// Checks every rule of the model: dimensions, finiteness, definiteness, unit quaternions.
@@ -31,18 +29,12 @@ impl SkillModel {
         pose("canonical.start", &canonical.start)?;
         pose("canonical.goal_frame", &canonical.goal_frame)?;
         pose("canonical.goal", &canonical.goal)?;
-        let distance = nalgebra::Vector3::from(canonical.goal.position_m)
-            .metric_distance(&nalgebra::Vector3::from(canonical.start.position_m));
-        require(distance >= START_GOAL_DISTANCE_MIN_M, "canonical.goal", || {
-            format!(
-                "expected at least {START_GOAL_DISTANCE_MIN_M} m from `start`, found {distance} m"
-            )
-        })?;
         require(!self.gaussians.is_empty(), "gaussians", || "expected at least one".into())?;
         for (k, g) in self.gaussians.iter().enumerate() {
             gaussian(&format!("gaussians[{k}]"), g, self.manifold.dimension())?;
         }
         self.validate_frames()?;
+        self.validate_waypoints()?;
         match &self.policy {
             Policy::Canonical { position, orientation } => {
                 self.validate_canonical(position, orientation.as_ref())?;
@@ -102,6 +94,30 @@ impl SkillModel {
         Ok(())
     }
 
+    fn validate_waypoints(&self) -> Result<(), Violation> {
+        for (i, way) in self.canonical.waypoints.iter().enumerate() {
+            let key = format!("canonical.waypoints[{i}]");
+            pose(&format!("{key}.pose"), &way.pose)?;
+            finite(&format!("{key}.point_m"), &way.point_m)?;
+            let others = [&self.start_frame, &self.goal_frame];
+            let known = self.frames.iter().any(|frame| frame.name == way.frame);
+            let before = &self.canonical.waypoints[..i];
+            let twice = before.iter().any(|other| other.frame == way.frame);
+            require(
+                known && !twice && !others.contains(&&way.frame),
+                format!("{key}.frame"),
+                || format!("expected a frame of its own among `frames`, found `{}`", way.frame),
+            )?;
+        }
+        self.frame_map().map(|_| ()).map_err(|error| {
+            let problem = format!(
+                "expected phases that rise from 0 to 1 by at least {PHASE_DISTANCE_MIN} a frame \
+                 ({error:?})"
+            );
+            ("canonical.waypoints".into(), problem)
+        })
+    }
+
     fn validate_canonical(
         &self,
         position: &FieldModel,
@@ -111,10 +127,11 @@ impl SkillModel {
         field(key, position, self.manifold.position_dimension())?;
         let goal = &position.components[position.components.len() - 1].mean;
         let expected = &self.canonical.goal.position_m;
+        let (phase, goal) = goal.split_last().expect("its length was checked");
         require(
-            goal.iter().zip(expected).all(|(a, b)| (a - b).abs() < TOLERANCE),
+            *phase == 1.0 && goal.iter().zip(expected).all(|(a, b)| (a - b).abs() < TOLERANCE),
             format!("{key}.components"),
-            || "expected the last component at `canonical.goal`".into(),
+            || "expected the last component at `canonical.goal` and phase 1".into(),
         )?;
         let key = "policy.orientation";
         require(orientation.is_some() == self.manifold.has_orientation(), key, || {
@@ -123,8 +140,10 @@ impl SkillModel {
         if let Some(orientation) = orientation {
             field(key, orientation, 3)?;
             let goal = &orientation.components[orientation.components.len() - 1].mean;
-            require(goal.iter().all(|x| *x == 0.0), format!("{key}.components"), || {
-                "expected the last component at zero".into()
+            let (phase, goal) = goal.split_last().expect("its length was checked");
+            let at_goal = *phase == 1.0 && goal.iter().all(|x| *x == 0.0);
+            require(at_goal, format!("{key}.components"), || {
+                "expected the last component at zero and phase 1".into()
             })?;
         }
         Ok(())
@@ -221,15 +240,9 @@ fn field(key: &str, field: &FieldModel, dimension: usize) -> Result<(), Violatio
         format!("expected 2 to {COMPONENT_CAPACITY} components, found {count}")
     })?;
     for (k, c) in field.components.iter().enumerate() {
-        component(&format!("{key}.components[{k}]"), c, dimension, k + 1 == count)?;
+        component(&format!("{key}.components[{k}]"), c, dimension + 1, k + 1 == count)?;
     }
-    let background = &field.background;
-    let key = format!("{key}.background");
-    finite(&format!("{key}.exponent"), &[background.exponent])?;
-    positive(&format!("{key}.metric"), background.metric)?;
-    finite(&format!("{key}.offset"), &[background.offset])?;
-    positive(&format!("{key}.slope"), background.slope)?;
-    positive(&format!("{key}.softening"), background.softening)
+    positive(&format!("{key}.phase_width"), field.phase_width)
 }
 
 fn component(
@@ -239,14 +252,16 @@ fn component(
     is_goal: bool,
 ) -> Result<(), Violation> {
     vector(&format!("{key}.mean"), &component.mean, dimension)?;
-    positive_definite(&format!("{key}.precision"), &component.precision, dimension)?;
     let metric_key = format!("{key}.metric");
     let metric = positive_definite(&metric_key, &component.metric, dimension)?;
     finite(&format!("{key}.potential"), &[component.potential])?;
     vector(&format!("{key}.gradient"), &component.gradient, dimension)?;
     symmetric(&format!("{key}.hessian"), &component.hessian, dimension)?;
     if is_goal {
-        let excess = (metric - DMatrix::identity(dimension, dimension)).amax();
+        // The inertia of the phase is its own.
+        let mut expected = DMatrix::identity(dimension, dimension);
+        expected[(dimension - 1, dimension - 1)] = metric[(dimension - 1, dimension - 1)];
+        let excess = (metric - expected).amax();
         require(excess < TOLERANCE, metric_key, || {
             format!("expected the identity at the goal, found entries {excess} away")
         })?;
