@@ -1,7 +1,7 @@
 # make demo          the main job: learn the pick and run it on a simulated UR5 (SEED=n varies the scene)
 # make demo-planar   the same in the plane, without Python
 # make test          set everything up and pass all tests
-# make bench         measure one evaluation of the policy, and training
+# make bench         measure evaluation, training, latency and deadlines (FULL=1: 10⁵ cycles a row, hours)
 # make soak          run a controller for MINUTES=10 beside a simulator that is killed and started again
 # make lint          formatting and static checks
 SHELL := /bin/bash
@@ -91,7 +91,11 @@ bench: build
 	    $(BIN)/learner train config/skills/$${skill%:*}.ron --components $${skill#*:} --allow-uncertified \
 	        --out target/bench/$${skill%:*}.model.ron > /dev/null || exit 1; done
 	$(CARGO) bench --locked --bench evaluation
+	$(CARGO) bench --locked --bench subnormal
 	$(CARGO) bench --locked --bench training
+	$(CARGO) bench --locked --bench latency -- $(if $(filter 1,$(FULL)),--full)
+	$(CARGO) bench --locked --bench deadlines -- $(if $(filter 1,$(FULL)),--full)
+	$(CARGO) bench --locked --bench report
 
 soak: seed build
 	@rm -rf target/soak && mkdir -p target/soak

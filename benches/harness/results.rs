@@ -2,8 +2,8 @@
 //!
 //! A row has `group`, `name`, its settings, and `p50`, `p99`, `p999`, `max` with the unit in the
 //! key; where something is promised, a [`Verdict`] under `verdict`. A row that belongs to a plot
-//! has `series`, what is varied, and `x`, its value. Histograms stand under `histograms_us`, each
-//! a list of `[upper bound, count]`.
+//! has `series`, what is varied, `x`, its value, and `best_us`. Histograms stand under
+//! `histograms_us`, each a list of `[upper bound, count]`.
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};

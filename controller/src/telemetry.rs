@@ -59,15 +59,21 @@ pub struct Tick {
 /// The slowest ticks so far, the slowest first: a flight recorder of fixed size.
 #[derive(Debug)]
 struct WorstTicks {
+    /// By what they are compared.
+    time_ns: fn(&TickTimes) -> u64,
     /// Number and tick; the first `count` are in use.
     ticks: [(u64, Tick); WORST_TICKS],
     count: usize,
 }
 
 impl WorstTicks {
+    fn new(time_ns: fn(&TickTimes) -> u64) -> Self {
+        Self { time_ns, ticks: [(0, Tick::default()); WORST_TICKS], count: 0 }
+    }
+
     fn record(&mut self, number: u64, tick: &Tick) {
-        let response_ns = tick.times.response_ns();
-        let slower = |(_, other): &(u64, Tick)| other.times.response_ns() >= response_ns;
+        let time_ns = (self.time_ns)(&tick.times);
+        let slower = |(_, other): &(u64, Tick)| (self.time_ns)(&other.times) >= time_ns;
         let place = self.ticks[..self.count].partition_point(slower);
         if place == WORST_TICKS {
             return;
@@ -103,6 +109,8 @@ pub struct Connections {
     pub count: u64,
     /// Heap allocations in it.
     pub allocations: u64,
+    /// Time it took, all together \[ns\].
+    pub total_ns: u64,
     /// The longest time it took \[ns\].
     pub longest_ns: u64,
 }
@@ -117,6 +125,7 @@ pub struct Telemetry {
     evaluation: Histogram<u64>,
     publishing: Histogram<u64>,
     worst: WorstTicks,
+    longest: WorstTicks,
     reasons: [u64; Reason::ALL.len()],
     /// Ticks so far.
     pub ticks: u64,
@@ -146,7 +155,8 @@ impl Telemetry {
             receiving: histogram(),
             evaluation: histogram(),
             publishing: histogram(),
-            worst: WorstTicks { ticks: [(0, Tick::default()); WORST_TICKS], count: 0 },
+            worst: WorstTicks::new(TickTimes::response_ns),
+            longest: WorstTicks::new(TickTimes::compute_ns),
             reasons: [0; Reason::ALL.len()],
             ticks: 0,
             deadline_misses: 0,
@@ -171,12 +181,14 @@ impl Telemetry {
             self.state_age.saturating_record(age);
         }
         self.worst.record(self.ticks, tick);
+        self.longest.record(self.ticks, tick);
     }
 
     /// Records that something was connected. No allocation.
     pub fn connected(&mut self, allocations: u64, duration_ns: u64) {
         self.connections.count += 1;
         self.connections.allocations += allocations;
+        self.connections.total_ns += duration_ns;
         self.connections.longest_ns = self.connections.longest_ns.max(duration_ns);
     }
 
@@ -198,6 +210,7 @@ impl Telemetry {
             "connections": {
                 "count": self.connections.count,
                 "allocations": self.connections.allocations,
+                "total_us": microseconds(self.connections.total_ns),
                 "longest_us": microseconds(self.connections.longest_ns),
             },
             "page_faults": ending.page_faults.map(|faults| json!({
@@ -206,6 +219,7 @@ impl Telemetry {
             })),
             "ticks_by_reason": reasons,
             "worst_ticks": self.worst.summary(),
+            "longest_ticks": self.longest.summary(),
             "histograms": {},
         });
         for (name, histogram) in [
@@ -296,7 +310,8 @@ mod tests {
         assert_eq!(summary["deadline_misses"], 10);
         assert_eq!(summary["skipped_periods"], 3);
         assert_eq!(summary["allocations"], 3);
-        let connections = json!({"count": 2, "allocations": 57, "longest_us": 45.0});
+        let connections =
+            json!({"count": 2, "allocations": 57, "total_us": 60.0, "longest_us": 45.0});
         assert_eq!(summary["connections"], connections);
         assert_eq!(summary["page_faults"], json!({"minor": 2, "major": 1}));
         assert_eq!(summary["ticks_by_reason"]["StateStale"], 100);
@@ -329,5 +344,20 @@ mod tests {
             assert_eq!((number - 1) * 37 % 100, evaluation, "{tick}");
             assert_eq!(tick["receiving_us"], 0.1, "{tick}");
         }
+    }
+
+    #[test]
+    fn a_late_wake_up_does_not_hide_a_long_computation() {
+        let mut telemetry = Telemetry::new();
+        telemetry.record(&tick(500_000));
+        for _ in 0..2 * WORST_TICKS {
+            let mut late = tick(1000);
+            late.times.wake_up_ns = 5_000_000;
+            telemetry.record(&late);
+        }
+        let ending = Ending { life_cycle: LifeCycle::Running, allocations: 0, page_faults: None };
+        let summary = telemetry.summary(&ending);
+        assert_eq!(summary["worst_ticks"][0]["wake_up_us"], 5000.0);
+        assert_eq!(summary["longest_ticks"][0]["evaluation_us"], 500.0);
     }
 }
