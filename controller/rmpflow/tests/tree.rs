@@ -49,7 +49,7 @@ impl Body<3> for Arm {
         for link in 0..=i / 2 {
             angle += self.q[link];
             rate += self.qd[link];
-            let length = if link == i / 2 && i % 2 == 0 { 0.5 * LENGTH } else { LENGTH };
+            let length = if link == i / 2 && i.is_multiple_of(2) { 0.5 * LENGTH } else { LENGTH };
             let along = DVec2::from_angle(angle) * length;
             motion.position += along.extend(0.0);
             motion.velocity += along.perp().extend(0.0) * rate;
