@@ -315,7 +315,7 @@ fn frames_are_checked() {
     assert_eq!(folder.invalid(|m| m.frames.truncate(1)).0, "frames");
     assert_eq!(folder.invalid(|m| m.frames.swap(0, 1)).0, "frames[0].name");
     let twice = |m: &mut SkillModel| m.frames.push(m.frames[0].clone());
-    assert_eq!(folder.invalid(twice).0, "frames[2].name");
+    assert_eq!(folder.invalid(twice).0, "frames[3].name");
     assert_eq!(folder.invalid(|m| m.frames[1].gaussians.clear()).0, "frames[1].gaussians");
     let key = |rest: &str| format!("frames[0].gaussians[0].{rest}");
     assert_eq!(
