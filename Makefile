@@ -2,6 +2,7 @@
 # make demo-planar   the same in the plane, without Python
 # make test          set everything up and pass all tests
 # make bench         measure evaluation, training, latency and deadlines (FULL=1: 10⁵ cycles a row, hours)
+# make experiments   the experiments of the thesis and harder ones, a report (QUICK=1: a short look; DATASET=folder)
 # make soak          run a controller for MINUTES=10 beside a simulator that is killed and started again
 # make lint          formatting and static checks
 SHELL := /bin/bash
@@ -17,7 +18,7 @@ BIN := target/release
 VENV := target/venv
 BRIDGE := $(VENV)/bin/sim-bridge
 
-.PHONY: help demo demo-planar test bench soak lint build venv seed clean
+.PHONY: help demo demo-planar test bench experiments soak lint build venv seed clean
 
 help:
 	@sed -n '/^# make/s/^# //p' Makefile
@@ -103,6 +104,9 @@ soak: seed build
 	$(BIN)/controller soak config/controllers/planar.ron --model target/soak/planar.model.ron \
 	    --minutes $(MINUTES) --seed $(SEED) --out target/soak -- \
 	    $(BIN)/planar-sim run --seed {seed} --out target/soak/run --instance soak
+
+experiments: seed build
+	$(BIN)/learner experiments --seed $(SEED) $(if $(QUICK),--quick) $(if $(DATASET),--dataset '$(DATASET)')
 
 lint: venv
 	@echo '== lint'

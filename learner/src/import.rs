@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use tprmp_model::skill_model::Manifold;
 
-use crate::demonstration::to_text;
+use crate::demonstration::{Demonstration, to_text};
 use crate::error::LearnerError;
 use recording::Recording;
 
@@ -86,6 +86,29 @@ pub fn import(
     folder: &Path,
     selection: &Selection,
 ) -> Result<Vec<PathBuf>, LearnerError> {
+    let texts: Vec<_> = load(foreign, selection)?
+        .into_iter()
+        .map(|shown| {
+            let [start_frame, goal_frame] = selection.frames(shown.manifold);
+            (shown.name.clone(), to_text(&shown, &start_frame, &goal_frame))
+        })
+        .collect();
+    let failed = |path: &Path, source| LearnerError::Write { path: path.into(), source };
+    std::fs::create_dir_all(folder).map_err(|source| failed(folder, source))?;
+    let mut written = Vec::with_capacity(texts.len());
+    for (name, text) in texts {
+        let path = folder.join(name);
+        std::fs::write(&path, text).map_err(|source| failed(&path, source))?;
+        written.push(path);
+    }
+    Ok(written)
+}
+
+/// The demonstrations of a file, as [`import`] would write them.
+///
+/// # Errors
+/// Those of [`import`] that concern the file.
+pub fn load(foreign: &Path, selection: &Selection) -> Result<Vec<Demonstration>, LearnerError> {
     for (option, time) in [
         ("option --sampling-time-s", selection.sampling_time_s),
         ("option --recorded-at-s", selection.recorded_at_s),
@@ -107,23 +130,12 @@ pub fn import(
         }
     };
     let stem = foreign.file_stem().unwrap_or_default().to_string_lossy();
-    let mut texts = Vec::with_capacity(recordings.len());
-    for (i, recording) in recordings.into_iter().enumerate() {
+    let finish = |(i, recording): (usize, Recording)| {
         let name =
             if single { format!("{stem}.json") } else { format!("{skill}_{:02}.json", i + 1) };
-        let [start_frame, goal_frame] = selection.frames(recording.manifold);
-        let demonstration = recording.finish(foreign, &skill, &name, selection)?;
-        texts.push((name, to_text(&demonstration, &start_frame, &goal_frame)));
-    }
-    let failed = |path: &Path, source| LearnerError::Write { path: path.into(), source };
-    std::fs::create_dir_all(folder).map_err(|source| failed(folder, source))?;
-    let mut written = Vec::with_capacity(texts.len());
-    for (name, text) in texts {
-        let path = folder.join(name);
-        std::fs::write(&path, text).map_err(|source| failed(&path, source))?;
-        written.push(path);
-    }
-    Ok(written)
+        recording.finish(foreign, &skill, &name, selection)
+    };
+    recordings.into_iter().enumerate().map(finish).collect()
 }
 
 /// A file that does not say what it should, at a place that is not a key.

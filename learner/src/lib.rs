@@ -14,6 +14,7 @@ pub mod conic;
 pub mod demonstration;
 pub mod em;
 pub mod error;
+pub mod experiments;
 pub mod fit;
 pub mod import;
 pub mod k_means;

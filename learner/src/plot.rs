@@ -6,18 +6,18 @@
 //! place where the frames can be: their mean poses.
 
 mod canvas;
-mod colour;
-mod field;
+pub(crate) mod colour;
+pub(crate) mod field;
 mod figures;
 mod forces;
-mod projection;
-mod scene;
-mod svg;
+pub(crate) mod projection;
+pub(crate) mod scene;
+pub(crate) mod svg;
 
 use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
-use tprmp_model::skill_model::{self, Manifold, SkillModel, sha256_hex};
+use tprmp_model::skill_model::{self, EvaluationError, Manifold, SkillModel, sha256_hex};
 use tprmp_rmpflow::frame_map::{Canonical, Pose};
 
 use crate::canonical::{self, mean_pose};
@@ -128,7 +128,7 @@ fn read_demonstrations(
 }
 
 /// The named frame of a demonstration.
-fn frame_of(model: &SkillModel, shown: &Demonstration, name: &str) -> Option<Pose> {
+pub(crate) fn frame_of(model: &SkillModel, shown: &Demonstration, name: &str) -> Option<Pose> {
     match name {
         _ if name == model.goal_frame => Some(shown.goal_frame),
         _ if name == model.start_frame => Some(shown.start),
@@ -142,6 +142,28 @@ fn shown_frames<'a>(model: &'a SkillModel, shown: &[Demonstration]) -> Vec<(&'a 
     model.frames.iter().map(|frame| (frame.name.as_str(), poses(&frame.name))).collect()
 }
 
+/// The pictures of a model: name, SVG document and caption.
+///
+/// # Errors
+/// When the model cannot be evaluated.
+pub(crate) fn gallery(
+    model: &SkillModel,
+    shown: &[Demonstration],
+) -> Result<Vec<(String, String, String)>, EvaluationError> {
+    let position = position_part(model);
+    let skill = Skill::new(model, &position)?;
+    let pictures = pictures(&skill, shown).into_iter();
+    Ok(pictures.map(|picture| (picture.name, picture.figure.svg(), picture.caption)).collect())
+}
+
+/// The position parts of a model's Gaussians in canonical coordinates.
+pub(crate) fn gaussians(model: &SkillModel) -> Vec<Ellipsoid> {
+    let dimension = model.manifold.position_dimension();
+    let ellipsoid =
+        |g: &skill_model::Gaussian| Ellipsoid::new(dimension, &g.mean, &g.covariance, g.phase);
+    model.gaussians.iter().map(ellipsoid).collect()
+}
+
 fn pictures(skill: &Skill, shown: &[Demonstration]) -> Vec<Picture> {
     let (model, planar) = (skill.model, skill.planar());
     let frames = shown_frames(model, shown);
@@ -153,11 +175,7 @@ fn pictures(skill: &Skill, shown: &[Demonstration]) -> Vec<Picture> {
         })
         .collect();
     let dimension = model.manifold.position_dimension();
-    let gaussians: Vec<Ellipsoid> = model
-        .gaussians
-        .iter()
-        .map(|g| Ellipsoid::new(dimension, &g.mean, &g.covariance, g.phase))
-        .collect();
+    let gaussians = gaussians(model);
     let home_frames = home(skill, &frames);
     let scene = |frames| Scene::new(skill, frames, &paths, &gaussians);
     let at_home = scene(home_frames.clone());

@@ -1,0 +1,172 @@
+//! Data sets: folders of demonstrations of many skills, in any of the layouts that can be imported.
+//!
+//! * a folder a skill, each with `tprmp-demonstration/1` files (the shipped sets, recordings),
+//! * one such folder alone,
+//! * files in the thesis' layout (`.json` with several demonstrations each),
+//! * shapes of the LASA handwriting data set (`.mat`).
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use tprmp_model::skill_model::Manifold;
+use tprmp_rmpflow::frame_map::Pose;
+
+use crate::demonstration::{Demonstration, SCHEMA, read};
+use crate::error::{LearnerError, read_text};
+use crate::import::{Selection, load};
+
+/// Of two kinds of grasp in one file the first is taken: they are two skills.
+const TAG: &str = "pick_top";
+
+/// A sample slower than this share of the demonstration's largest speed, at its start or end, is rest:
+/// no policy of the state can know how long to wait.
+const REST_SPEED_SHARE: f64 = 0.01;
+/// How much a turn counts beside a move [m/rad].
+const TURN_M_RAD: f64 = 0.3;
+
+/// The demonstrations of one skill.
+#[derive(Clone, Debug)]
+pub struct SkillSet {
+    /// Name of the skill.
+    pub name: String,
+    /// Space in which it moves.
+    pub manifold: Manifold,
+    /// Its demonstrations, at least one.
+    pub demonstrations: Vec<Demonstration>,
+}
+
+#[derive(Deserialize)]
+struct Kind {
+    schema: Option<String>,
+    demonstrations: Option<Vec<Tagged>>,
+}
+
+#[derive(Deserialize)]
+struct Tagged {
+    tag: Option<String>,
+}
+
+/// The samples of a demonstration from its first to its last motion.
+#[must_use]
+pub fn moving(shown: &Demonstration) -> std::ops::Range<usize> {
+    let step = |pair: &[Pose]| {
+        let turn = pair[1].rotation_from(&pair[0]).length() * TURN_M_RAD;
+        (pair[1].position - pair[0].position).length() + turn
+    };
+    let steps: Vec<f64> = shown.poses.windows(2).map(step).collect();
+    let least = REST_SPEED_SHARE * steps.iter().copied().fold(0.0, f64::max);
+    let first = steps.iter().position(|step| *step >= least).unwrap_or(0);
+    let last = steps.iter().rposition(|step| *step >= least).unwrap_or(steps.len() - 1);
+    first..last + 2
+}
+
+/// Reads all skills of a data set, in order of their names.
+///
+/// # Errors
+/// [`LearnerError`], naming the path: it is missing or no folder, holds no skill in a known layout,
+/// or a file of it is refused.
+pub fn read_dataset(folder: &Path) -> Result<Vec<SkillSet>, LearnerError> {
+    let fail = |problem: String| LearnerError::Input {
+        path: folder.into(),
+        place: "data set".into(),
+        problem,
+    };
+    if !folder.is_dir() {
+        let found = if folder.exists() { "a file" } else { "nothing" };
+        return Err(fail(format!("expected a folder, found {found}")));
+    }
+    let entries = sorted(folder)?;
+    let mut skills = Vec::new();
+    let own = demonstration_files(&entries)?;
+    if !own.is_empty() {
+        skills.push(skill_set(&own)?);
+    }
+    for path in &entries {
+        if path.is_dir() {
+            let files = demonstration_files(&sorted(path)?)?;
+            if !files.is_empty() {
+                skills.push(skill_set(&files)?);
+            }
+        } else if has_extension(path, "mat") {
+            skills.push(of(load(path, &Selection::default())?));
+        } else if has_extension(path, "json") && !own.contains(path) {
+            let kind = kind(path)?;
+            let Some(demonstrations) = kind.demonstrations else { continue };
+            let tagged = demonstrations.iter().any(|d| d.tag.as_deref() == Some(TAG));
+            let tag = tagged.then(|| TAG.to_owned());
+            skills.push(of(load(path, &Selection { tag, ..Selection::default() })?));
+        }
+    }
+    if skills.is_empty() {
+        return Err(fail(
+            "expected a folder of demonstrations a skill, or files of the thesis' layout (.json) \
+             or of LASA (.mat), found none of them"
+                .into(),
+        ));
+    }
+    skills.sort_by(|a, b| a.name.cmp(&b.name));
+    if let Some(pair) = skills.windows(2).find(|pair| pair[0].name == pair[1].name) {
+        return Err(fail(format!("expected skills that differ, found `{}` twice", pair[0].name)));
+    }
+    Ok(skills)
+}
+
+fn sorted(folder: &Path) -> Result<Vec<PathBuf>, LearnerError> {
+    let unreadable = |source| LearnerError::Read { path: folder.into(), source };
+    let entries = std::fs::read_dir(folder).map_err(unreadable)?;
+    let mut paths = Vec::new();
+    for entry in entries {
+        paths.push(entry.map_err(unreadable)?.path());
+    }
+    paths.sort();
+    Ok(paths)
+}
+
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
+}
+
+fn kind(path: &Path) -> Result<Kind, LearnerError> {
+    serde_json::from_str(&read_text(path)?)
+        .map_err(|e| LearnerError::syntax(path, e.line(), e.column(), e.to_string()))
+}
+
+/// The `tprmp-demonstration/1` files among these.
+fn demonstration_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, LearnerError> {
+    let mut files = Vec::new();
+    for path in paths.iter().filter(|path| path.is_file() && has_extension(path, "json")) {
+        if kind(path)?.schema.as_deref() == Some(SCHEMA) {
+            files.push(path.clone());
+        }
+    }
+    Ok(files)
+}
+
+fn skill_set(files: &[PathBuf]) -> Result<SkillSet, LearnerError> {
+    #[derive(Deserialize)]
+    struct Space {
+        manifold: String,
+    }
+    let mut demonstrations: Vec<Demonstration> = Vec::with_capacity(files.len());
+    for file in files {
+        let space: Space = serde_json::from_str(&read_text(file)?)
+            .map_err(|e| LearnerError::syntax(file, e.line(), e.column(), e.to_string()))?;
+        let [start, goal] =
+            if space.manifold == "R2" { ["start", "end"] } else { ["ee_start", "object"] };
+        let shown = read(file, start, goal)?;
+        if let Some(first) = demonstrations.first()
+            && (&first.skill, first.manifold) != (&shown.skill, shown.manifold)
+        {
+            let problem = format!("expected `{}`, found `{}`", first.skill, shown.skill);
+            return Err(LearnerError::key(file, "skill", problem));
+        }
+        demonstrations.push(shown);
+    }
+    Ok(of(demonstrations))
+}
+
+/// A skill of demonstrations, of which there is at least one.
+fn of(demonstrations: Vec<Demonstration>) -> SkillSet {
+    let (name, manifold) = (demonstrations[0].skill.clone(), demonstrations[0].manifold);
+    SkillSet { name, manifold, demonstrations }
+}

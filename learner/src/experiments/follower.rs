@@ -1,0 +1,135 @@
+//! What all compared policies have in common: they say how they want to accelerate.
+
+use glam::DVec3;
+use nalgebra::DMatrix;
+use tprmp_model::skill_model::{EvaluationError, Policy, SkillModel};
+use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::natural::Natural;
+use tprmp_rmpflow::policy::{self, PolicyState};
+use tprmp_rmpflow::skill::SkillInertia;
+
+/// Inertia of a point that obeys a policy without an inertia of its own, the certified one's at the
+/// goal included [kg]: about what γ = 0.25 gives a skill of 2.75 m, so that a force does to all what
+/// it does to the thesis' policy.
+pub const INERTIA_KG: f64 = 5.0;
+/// The same of its turning [kg m²].
+pub const INERTIA_KG_M2: f64 = 0.05;
+
+/// A body's state and the frames around it.
+#[derive(Clone, Copy, Debug)]
+pub struct Moment<'a> {
+    /// Time since the start [s].
+    pub time_s: f64,
+    /// Frames of the skill, in its order.
+    pub frames: &'a [FrameMotion],
+    /// Pose.
+    pub pose: Pose,
+    /// Its velocity [m/s].
+    pub linear: DVec3,
+    /// Its angular velocity [rad/s].
+    pub angular: DVec3,
+}
+
+/// What a policy wants.
+#[derive(Clone, Copy, Debug)]
+pub struct Wish {
+    /// M a = f.
+    pub natural: Natural<6>,
+    /// V, for policies that have one [J].
+    pub energy: f64,
+}
+
+/// A policy that a body follows.
+pub trait Follower {
+    /// What it wants now; calling it twice gives the same.
+    fn evaluate(&mut self, now: &Moment) -> Wish;
+
+    /// Told how the body really accelerates until the next evaluation [m/s², rad/s²].
+    fn advance(&mut self, _wish: &Wish, _linear: DVec3, _angular: DVec3, _step_s: f64) {}
+
+    /// Forgets where it was on its way.
+    fn restart(&mut self) {}
+
+    /// Where it rests with these frames; `None` when it knows of no goal of its own.
+    fn goal(&mut self, _frames: &[FrameMotion]) -> Option<Pose> {
+        None
+    }
+}
+
+/// A wish of a point mass.
+#[must_use]
+pub fn point_wish(acceleration: DVec3) -> Wish {
+    let mut natural = Natural::zero();
+    for i in 0..3 {
+        natural.metric[(i, i)] = INERTIA_KG;
+        natural.metric[(i + 3, i + 3)] = INERTIA_KG_M2;
+        natural.force[i] = INERTIA_KG * acceleration[i];
+    }
+    Wish { natural, energy: f64::NAN }
+}
+
+/// A learned model as it is evaluated.
+#[derive(Debug)]
+pub struct Model {
+    policy: policy::Policy,
+    inertia: SkillInertia,
+}
+
+impl Model {
+    /// Takes a model.
+    ///
+    /// # Errors
+    /// When it cannot be evaluated.
+    pub fn new(model: &SkillModel) -> Result<Self, EvaluationError> {
+        let linear_kg = thesis_inertia_kg(model).unwrap_or(INERTIA_KG);
+        let inertia = SkillInertia { linear_kg, angular_kg_m2: INERTIA_KG_M2 };
+        Ok(Self { policy: model.policy()?, inertia })
+    }
+
+    /// A follower at the start.
+    #[must_use]
+    pub fn follower(&self) -> Learned<'_> {
+        Learned { model: self, state: PolicyState::default() }
+    }
+}
+
+/// The thesis' policy has an inertia of its own, γ Σ Λ at the goal's component; the mean of its linear
+/// eigenvalues [kg].
+fn thesis_inertia_kg(model: &SkillModel) -> Option<f64> {
+    let Policy::Thesis(thesis) = &model.policy else { return None };
+    let n = model.manifold.position_dimension();
+    let mut trace = 0.0;
+    for frame in &model.frames {
+        let covariance = &frame.gaussians.last()?.covariance;
+        let d = covariance.len();
+        let precision = DMatrix::from_fn(d, d, |i, j| covariance[i][j]).try_inverse()?;
+        trace += (0..n).map(|i| precision[(i, i)]).sum::<f64>();
+    }
+    Some(thesis.metric_scale * trace / n as f64)
+}
+
+/// A learned model on its way.
+#[derive(Debug)]
+pub struct Learned<'a> {
+    model: &'a Model,
+    state: PolicyState,
+}
+
+impl Follower for Learned<'_> {
+    fn evaluate(&mut self, now: &Moment) -> Wish {
+        let Model { policy, inertia } = self.model;
+        let value = policy.evaluate(
+            inertia,
+            now.frames,
+            &now.pose,
+            now.linear,
+            now.angular,
+            &mut self.state,
+        );
+        Wish { natural: value.natural, energy: value.energy }
+    }
+
+    fn goal(&mut self, frames: &[FrameMotion]) -> Option<Pose> {
+        Some(self.model.policy.goal(frames, &mut self.state))
+    }
+}

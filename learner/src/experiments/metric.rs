@@ -1,0 +1,108 @@
+//! What an experiment measures: the thesis' figures, to be comparable, and the honest ones.
+
+use glam::DVec3;
+
+/// The thesis stops a rollout when it is slower than this [m/s] …
+pub const STOP_SPEED_M_S: f64 = 0.05;
+/// … for so many steps.
+pub const STOP_STEPS: usize = 10;
+
+/// The thesis' tracking figure, which it calls a mean square error: the mean distance of each pose to
+/// the nearest demonstrated point, and of what of the demonstration comes behind the point nearest to
+/// the last pose, to that pose. Not squared, blind to time and direction.
+///
+/// # Panics
+/// When one of them is empty.
+#[must_use]
+pub fn thesis_tracking(path: &[DVec3], demonstration: &[DVec3]) -> f64 {
+    let nearest = |p: &DVec3| {
+        let distances = demonstration.iter().map(|d| (*p - *d).length());
+        distances.enumerate().fold((0, f64::INFINITY), |a, b| if b.1 < a.1 { b } else { a })
+    };
+    let sum: f64 = path.iter().map(|p| nearest(p).1).sum();
+    let last = path[path.len() - 1];
+    let reached = nearest(&last).0;
+    let left: f64 = demonstration[reached..].iter().map(|d| (last - *d).length()).sum();
+    (sum + left) / (path.len() + demonstration.len() - reached) as f64
+}
+
+/// Mean square distance of poses at the same time, over the demonstration's duration [m²]; a path
+/// that has ended stays where it is.
+///
+/// # Panics
+/// When one of them is empty.
+#[must_use]
+pub fn time_aligned_mse_m2(path: &[DVec3], demonstration: &[DVec3]) -> f64 {
+    let at = |i: usize| path[i.min(path.len() - 1)];
+    let square = |(i, d): (usize, &DVec3)| (at(i) - *d).length_squared();
+    demonstration.iter().enumerate().map(square).sum::<f64>() / demonstration.len() as f64
+}
+
+/// Points of a path at even times `step_s`, which were sampled every `sampling_time_s`.
+#[must_use]
+pub fn resampled(points: &[DVec3], sampling_time_s: f64, step_s: f64) -> Vec<DVec3> {
+    let last = points.len() - 1;
+    let count = (last as f64 * sampling_time_s / step_s).round() as usize;
+    (0..=count)
+        .map(|i| {
+            let at = (i as f64 * step_s / sampling_time_s).min(last as f64);
+            let k = (at as usize).min(last.saturating_sub(1));
+            points[k].lerp(points[(k + 1).min(last)], at - k as f64)
+        })
+        .collect()
+}
+
+/// Quantile of values by linear interpolation between the sorted ones; not a number counts as
+/// infinite. `None` without values.
+#[must_use]
+pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
+    let mut sorted: Vec<f64> =
+        values.iter().map(|x| if x.is_nan() { f64::INFINITY } else { *x }).collect();
+    sorted.sort_by(f64::total_cmp);
+    let last = sorted.len().checked_sub(1)?;
+    let at = share.clamp(0.0, 1.0) * last as f64;
+    let (low, high) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
+    Some(if low == high { low } else { low + (high - low) * at.fract() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(xs: &[f64]) -> Vec<DVec3> {
+        xs.iter().map(|x| DVec3::new(*x, 0.0, 0.0)).collect()
+    }
+
+    #[test]
+    fn the_thesis_figure_is_a_mean_of_distances() {
+        let demonstration = line(&[0.0, 1.0, 2.0, 3.0]);
+        assert_eq!(thesis_tracking(&demonstration, &demonstration), 0.0);
+        // Three poses 0.5 aside, and the points 2 and 3 seen from the last one at (2, 0.5).
+        let path: Vec<_> = line(&[0.0, 1.0, 2.0]).iter().map(|p| *p + DVec3::Y * 0.5).collect();
+        let expected = (3.0 * 0.5 + 0.5 + 1.25_f64.sqrt()) / 5.0;
+        assert!((thesis_tracking(&path, &demonstration) - expected).abs() < 1e-12);
+        // Blind to direction: backwards, it ends at the first point, and all of it is left over.
+        let back = line(&[3.0, 2.0, 1.0, 0.0]);
+        assert!((thesis_tracking(&back, &demonstration) - 6.0 / 8.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_time_aligned_figure_sees_what_comes_late() {
+        let demonstration = line(&[0.0, 1.0, 2.0]);
+        assert_eq!(time_aligned_mse_m2(&line(&[0.0, 1.0, 2.0, 9.0]), &demonstration), 0.0);
+        assert!(
+            (time_aligned_mse_m2(&line(&[0.0, 0.0, 1.0]), &demonstration) - 2.0 / 3.0).abs()
+                < 1e-12
+        );
+        assert!((time_aligned_mse_m2(&line(&[0.0]), &demonstration) - 5.0 / 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn paths_are_resampled_and_quantiles_interpolate() {
+        let points = resampled(&line(&[0.0, 2.0, 4.0]), 0.02, 0.01);
+        assert_eq!(points, line(&[0.0, 1.0, 2.0, 3.0, 4.0]));
+        assert_eq!(quantile(&[4.0, 1.0, 2.0, 3.0], 0.5), Some(2.5));
+        assert_eq!(quantile(&[f64::NAN, 1.0, 2.0], 1.0), Some(f64::INFINITY));
+        assert_eq!(quantile(&[], 0.5), None);
+    }
+}

@@ -1,0 +1,178 @@
+//! Trains what is compared.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use rayon::prelude::*;
+use tprmp_model::skill_model::{Manifold, SkillModel};
+
+use super::dataset::SkillSet;
+use super::follower::Model;
+use super::progress;
+use crate::error::LearnerError;
+use crate::skill::Skill;
+use crate::train::learn;
+
+/// A policy that is learned by a skill file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    /// The default one, with a certificate.
+    Canonical,
+    /// The thesis'.
+    Thesis,
+}
+
+impl Kind {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Canonical, Self::Thesis];
+
+    /// As it is called in the results.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Canonical => "canonical",
+            Self::Thesis => "thesis",
+        }
+    }
+}
+
+/// The skill files of one space.
+#[derive(Clone, Debug)]
+pub struct SkillFiles {
+    canonical: Skill,
+    thesis: Skill,
+}
+
+impl SkillFiles {
+    /// Reads `<name>.ron` and `<name>_thesis.ron` from the folder of skill files.
+    ///
+    /// # Errors
+    /// [`LearnerError`] of a file that is missing or refused.
+    pub fn read(config: &Path, name: &str) -> Result<Self, LearnerError> {
+        let file = |suffix: &str| -> PathBuf { config.join(format!("skills/{name}{suffix}.ron")) };
+        Ok(Self { canonical: Skill::read(&file(""))?, thesis: Skill::read(&file("_thesis"))? })
+    }
+
+    /// The skill file of a policy.
+    #[must_use]
+    pub fn of(&self, kind: Kind) -> &Skill {
+        match kind {
+            Kind::Canonical => &self.canonical,
+            Kind::Thesis => &self.thesis,
+        }
+    }
+}
+
+/// What identifies a trained model: policy, number of Gaussians, skill.
+pub type Key = (Kind, usize, String);
+
+/// A trained model.
+#[derive(Debug)]
+pub struct Trained {
+    /// The model.
+    pub model: SkillModel,
+    /// As it is evaluated.
+    pub evaluated: Model,
+    /// How long the training took, certificate included where there is one [s].
+    pub training_s: f64,
+    /// Whether it was examined.
+    pub examined: bool,
+}
+
+/// All trained models, and why others could not be trained.
+#[derive(Debug, Default)]
+pub struct Models {
+    /// The models.
+    pub trained: BTreeMap<Key, Trained>,
+    /// Policy, number of Gaussians, skill, and why.
+    pub failures: Vec<String>,
+}
+
+impl Models {
+    /// A model, when it could be trained.
+    #[must_use]
+    pub fn get(&self, kind: Kind, components: usize, skill: &str) -> Option<&Trained> {
+        self.trained.get(&(kind, components, skill.to_owned()))
+    }
+}
+
+/// Trains each policy with each number of Gaussians on each skill. The certificate is made for the
+/// number of Gaussians that the skill file names.
+pub fn train_all(
+    files: &BTreeMap<&'static str, SkillFiles>,
+    skills: &[SkillSet],
+    components: &[usize],
+    seed: u64,
+) -> Models {
+    let mut wanted = Vec::new();
+    for set in skills {
+        let files = &files[space(set.manifold)];
+        for kind in Kind::ALL {
+            let own = files.of(kind).mixture.components;
+            let mut counts = components.to_vec();
+            if !counts.contains(&own) {
+                counts.push(own);
+            }
+            wanted.extend(counts.into_iter().map(|count| (set, kind, count, own)));
+        }
+    }
+    let bar = progress("training", wanted.len());
+    let train = |(set, kind, count, own): &(&SkillSet, Kind, usize, usize)| {
+        let skill = files[space(set.manifold)].of(*kind);
+        let key = (*kind, *count, set.name.clone());
+        let result = train_one(skill, set, *count, count == own, seed);
+        bar.inc(1);
+        (key, result)
+    };
+    // The default policy's training is timed: one after the other, each on all cores.
+    let (timed, others): (Vec<_>, Vec<_>) = wanted
+        .into_iter()
+        .partition(|(_, kind, count, own)| *kind == Kind::Canonical && count == own);
+    let mut results: Vec<(Key, Result<Trained, LearnerError>)> = timed.iter().map(train).collect();
+    results.par_extend(others.par_iter().map(train));
+    bar.finish_and_clear();
+    let mut models = Models::default();
+    for (key, result) in results {
+        match result {
+            Ok(trained) => {
+                models.trained.insert(key, trained);
+            }
+            Err(error) => {
+                let (kind, count, skill) = key;
+                let name = kind.name();
+                models.failures.push(format!("{name}, K = {count}, skill `{skill}`: {error}"));
+            }
+        }
+    }
+    models
+}
+
+fn train_one(
+    skill: &Skill,
+    set: &SkillSet,
+    components: usize,
+    examined: bool,
+    seed: u64,
+) -> Result<Trained, LearnerError> {
+    let mut skill = skill.clone().with_components(components).map_err(LearnerError::Components)?;
+    skill.skill.clone_from(&set.name);
+    if !examined {
+        skill.certification.random_starts = 0;
+        skill.certification.displaced_starts = 0;
+    }
+    let begun = Instant::now();
+    let model = learn(&skill, &set.demonstrations, seed, &mut |_| {})?.model;
+    let training_s = begun.elapsed().as_secs_f64();
+    let evaluated = Model::new(&model)?;
+    Ok(Trained { model, evaluated, training_s, examined })
+}
+
+/// Name of the skill files of a space.
+#[must_use]
+pub fn space(manifold: Manifold) -> &'static str {
+    match manifold {
+        Manifold::R2 => "planar",
+        Manifold::R3 | Manifold::R3S3 => "pick",
+    }
+}

@@ -1,0 +1,207 @@
+//! Figures of Gaussians and fields, drawn by [`plot`](crate::plot).
+
+use glam::{DMat2, DVec2};
+use rayon::prelude::*;
+use tprmp_model::skill_model::{Manifold, SkillModel};
+
+use super::paths::{grid, panel, points};
+use super::{Picture, Run};
+use crate::experiments::dataset::SkillSet;
+use crate::experiments::models::Kind;
+use crate::plot::colour::{Scale, of_phase};
+use crate::plot::field::Grid;
+use crate::plot::gallery;
+use crate::plot::scene::{Scene, Skill, position_part};
+use crate::plot::svg::{Panel, Sign, Stroke};
+
+/// Which pictures of a model make a figure, by their names.
+const OF_PLANE: [(&str, &[&str]); 3] = [
+    (
+        "Figure 4.2: Gaussians, gradient, natural gradient",
+        &["gaussians", "gradient", "natural-gradient"],
+    ),
+    ("Figure 4.3: potential, and the forces of the components", &["potential", "forces"]),
+    (
+        "Figure 4.4: potential and dissipation as the frames move",
+        &[
+            "potential",
+            "dissipation",
+            "start-moved-potential",
+            "start-moved-dissipation",
+            "goal-moved-potential",
+            "goal-moved-dissipation",
+        ],
+    ),
+];
+const OF_SPACE: [(&str, &[&str]); 1] = [(
+    "Figure 3.2: the mixture of the pick",
+    &["demonstrations", "seen-from-frame-1", "seen-from-frame-2", "gaussians"],
+)];
+/// Numbers of Gaussians of figure 5.4.
+const COUNTS: [usize; 3] = [5, 9, 15];
+const PATH: Stroke = Stroke { colour: "#1a1a1a", width: 1.2, dashes: "4 3", rim: true };
+
+/// All of these figures.
+pub(super) fn pictures(run: &Run) -> Vec<Picture> {
+    let mut pictures = Vec::new();
+    let first =
+        |planar: bool| run.bench.skills.iter().find(|set| (set.manifold == Manifold::R2) == planar);
+    if let Some(set) = first(true) {
+        pictures.extend(of_model(run, set, &OF_PLANE));
+        pictures.extend(shapes(run, set));
+    }
+    if let Some(set) = first(false) {
+        pictures.extend(of_model(run, set, &OF_SPACE));
+    }
+    for kind in Kind::ALL {
+        pictures.extend(fields(run, kind));
+    }
+    pictures
+}
+
+/// Figures made from the pictures of the default policy's model of a skill.
+fn of_model(run: &Run, set: &SkillSet, figures: &[(&str, &[&str])]) -> Vec<Picture> {
+    let components = run.bench.count(set.manifold, Kind::Canonical);
+    let Some(trained) = run.bench.models.get(Kind::Canonical, components, &set.name) else {
+        return Vec::new();
+    };
+    let Ok(gallery) = gallery(&trained.model, &set.demonstrations) else { return Vec::new() };
+    let figure = |(title, names): &(&str, &[&str])| {
+        let own: Vec<_> =
+            names.iter().filter_map(|name| gallery.iter().find(|(own, ..)| own == name)).collect();
+        let svg = own.iter().map(|(_, svg, _)| svg.as_str()).collect::<Vec<_>>().join("\n");
+        let captions = own.iter().map(|(.., caption)| caption.as_str()).collect::<Vec<_>>();
+        (!own.is_empty()).then(|| Picture {
+            title: (*title).into(),
+            svg,
+            caption: format!("Skill “{}”, default policy. {}", set.name, captions.join(" ")),
+        })
+    };
+    figures.iter().filter_map(figure).collect()
+}
+
+/// A model among the frames of its first demonstration.
+fn with_scene<T>(model: &SkillModel, set: &SkillSet, draw: impl FnOnce(&Scene) -> T) -> Option<T> {
+    let position = position_part(model);
+    let skill = Skill::new(model, &position).ok()?;
+    let shown = &set.demonstrations[0];
+    let frames = model
+        .frames
+        .iter()
+        .map(|frame| crate::plot::frame_of(model, shown, &frame.name))
+        .collect::<Option<Vec<_>>>()?;
+    let gaussians = crate::plot::gaussians(model);
+    Some(draw(&Scene::new(&skill, frames, &[], &gaussians)))
+}
+
+fn background(panel: &mut Panel, scene: &Scene, dissipation: bool) {
+    let mut sampler = scene.sampler();
+    let field = Grid::new(panel, |p| {
+        let sample = sampler(p.extend(0.0));
+        if dissipation { sample.damping } else { sample.potential }
+    });
+    let scale = if dissipation {
+        Scale::areas_of_ratios(field.values(), "")
+    } else {
+        Scale::areas_of_roots(field.values(), "")
+    };
+    field.draw(panel, &scale);
+}
+
+fn ellipses(panel: &mut Panel, scene: &Scene) {
+    for g in &scene.gaussians {
+        let c = g.covariance;
+        let flat = DMat2::from_cols(
+            DVec2::new(c.x_axis.x, c.x_axis.y),
+            DVec2::new(c.y_axis.x, c.y_axis.y),
+        );
+        panel.ellipse(DVec2::new(g.mean.x, g.mean.y), flat, 1.0, &of_phase(g.phase), 0.2);
+    }
+}
+
+fn path(panel: &mut Panel, set: &SkillSet) {
+    let shown = set.demonstrations[0].poses.iter();
+    panel.line(shown.map(|pose| DVec2::new(pose.position.x, pose.position.y)), &PATH);
+    if let Some(last) = set.demonstrations[0].poses.last() {
+        panel.star(DVec2::new(last.position.x, last.position.y));
+    }
+}
+
+/// Figures A.1 and A.2: all skills, on their potential and their dissipation.
+fn fields(run: &Run, kind: Kind) -> Vec<Picture> {
+    let planar: Vec<&SkillSet> =
+        run.bench.skills.iter().filter(|set| set.manifold == Manifold::R2).collect();
+    let name = if kind == Kind::Canonical { "default policy" } else { "the thesis' policy" };
+    let figure = |dissipation: bool| -> Option<Picture> {
+        let drawn: Vec<(Panel, bool)> = planar
+            .par_iter()
+            .filter_map(|set| {
+                let components = run.bench.count(set.manifold, kind);
+                let model = &run.bench.models.get(kind, components, &set.name)?.model;
+                with_scene(model, set, |scene| {
+                    let mut panel = panel(&set.name, points(set));
+                    background(&mut panel, scene, dissipation);
+                    ellipses(&mut panel, scene);
+                    path(&mut panel, set);
+                    (panel, model.certificate.failures.is_empty())
+                })
+            })
+            .collect();
+        let (count, certified) = (drawn.len(), drawn.iter().filter(|d| d.1).count());
+        if count == 0 {
+            return None;
+        }
+        let what = if dissipation { "dissipation" } else { "potential" };
+        let title =
+            format!("Figure A.{}: {what} of all skills, {name}", if dissipation { 2 } else { 1 });
+        let caption = format!(
+            "{name}: the darker, the larger; each panel has its own scale. Gaussians at one standard \
+             deviation, light at the end, and the first demonstration. {certified} of these {count} models hold their \
+             certificate."
+        );
+        let panels = drawn.into_iter().map(|(panel, _)| panel).collect();
+        let legend = vec![("demonstration".into(), Sign::Line(PATH)), ("goal".into(), Sign::Star)];
+        Some(Picture { svg: grid(&title, legend, panels), title, caption })
+    };
+    [false, true].into_iter().filter_map(figure).collect()
+}
+
+/// Figure 5.4: how the Gaussians' shape goes with their number.
+fn shapes(run: &Run, set: &SkillSet) -> Vec<Picture> {
+    let (mut panels, mut ratios) = (Vec::new(), Vec::new());
+    for count in COUNTS {
+        let Some(trained) = run.bench.models.get(Kind::Thesis, count, &set.name) else { continue };
+        let drawn = with_scene(&trained.model, set, |scene| {
+            let mut panel = panel(&format!("K = {count}"), points(set));
+            background(&mut panel, scene, false);
+            ellipses(&mut panel, scene);
+            path(&mut panel, set);
+            let ratio = |g: &crate::plot::projection::Ellipsoid| {
+                let c = g.covariance;
+                let flat = DMat2::from_cols(
+                    DVec2::new(c.x_axis.x, c.x_axis.y),
+                    DVec2::new(c.y_axis.x, c.y_axis.y),
+                );
+                let (axes, _) = crate::plot::svg::principal_axes(flat);
+                axes.x / axes.y.max(1e-9)
+            };
+            let all: Vec<f64> = scene.gaussians.iter().map(ratio).collect();
+            (panel, crate::experiments::metric::quantile(&all, 0.5).unwrap_or(f64::NAN))
+        });
+        if let Some((panel, ratio)) = drawn {
+            panels.push(panel);
+            ratios.push(format!("{ratio:.1} for K = {count}"));
+        }
+    }
+    if panels.is_empty() {
+        return Vec::new();
+    }
+    let title = "Figure 5.4: shape of the Gaussians by their number, the thesis' policy";
+    let caption = format!(
+        "Skill “{}”. Median ratio of the long to the short axis: {}.",
+        set.name,
+        ratios.join(", ")
+    );
+    let legend = vec![("demonstration".into(), Sign::Line(PATH))];
+    vec![Picture { title: title.into(), svg: grid(title, legend, panels), caption }]
+}
