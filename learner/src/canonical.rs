@@ -382,6 +382,12 @@ fn mean_frames(demonstrations: &[Demonstration]) -> MeanFrames {
     MeanFrames { start, goal_frame, goal }
 }
 
+/// The mean goal, seen from the goal frame.
+pub(crate) fn mean_goal(demonstrations: &[Demonstration]) -> Pose {
+    let mean = mean_frames(demonstrations);
+    mean.goal_frame.inverse().compose(&mean.goal)
+}
+
 /// The mean of poses.
 pub(crate) fn mean_pose(poses: &[Pose]) -> Pose {
     let orientations: Vec<_> = poses.iter().map(|p| p.orientation).collect();

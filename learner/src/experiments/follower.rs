@@ -6,7 +6,7 @@ use tprmp_model::skill_model::{EvaluationError, Policy, SkillModel};
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::natural::Natural;
 use tprmp_rmpflow::policy::{self, PolicyState};
-use tprmp_rmpflow::skill::SkillInertia;
+use tprmp_rmpflow::skill::{SkillInertia, SkillValue};
 
 /// Inertia of a point that obeys a policy without an inertia of its own, the certified one's at the
 /// goal included [kg]: about what γ = 0.25 gives a skill of 2.75 m, so that a force does to all what
@@ -89,7 +89,7 @@ impl Model {
     /// A follower at the start.
     #[must_use]
     pub fn follower(&self) -> Learned<'_> {
-        Learned { model: self, state: PolicyState::default() }
+        Learned { model: self, state: PolicyState::default(), value: None }
     }
 }
 
@@ -113,6 +113,8 @@ fn thesis_inertia_kg(model: &SkillModel) -> Option<f64> {
 pub struct Learned<'a> {
     model: &'a Model,
     state: PolicyState,
+    /// Of the last evaluation.
+    value: Option<SkillValue>,
 }
 
 impl Follower for Learned<'_> {
@@ -126,7 +128,19 @@ impl Follower for Learned<'_> {
             now.angular,
             &mut self.state,
         );
+        self.value = Some(value);
         Wish { natural: value.natural, energy: value.energy }
+    }
+
+    fn advance(&mut self, _wish: &Wish, linear: DVec3, angular: DVec3, step_s: f64) {
+        if let Some(value) = self.value.take() {
+            self.state.advance(&value, linear, angular, step_s);
+        }
+    }
+
+    fn restart(&mut self) {
+        self.state.restart();
+        self.value = None;
     }
 
     fn goal(&mut self, frames: &[FrameMotion]) -> Option<Pose> {

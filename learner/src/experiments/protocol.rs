@@ -17,6 +17,7 @@ use super::models::{Kind, Models, space};
 use super::progress;
 use super::results::{Row, finite};
 use super::world::{Ball, Course, GoalMotion, Push, Trace, run};
+use crate::canonical::mean_goal;
 
 /// Step of all rollouts, as in the thesis [s].
 pub const STEP_S: f64 = 0.01;
@@ -178,7 +179,7 @@ pub fn shown_course(set: &SkillSet, demonstration: usize) -> Course {
     Course {
         manifold: set.manifold,
         frames,
-        grasp: grasp(set),
+        grasp: mean_goal(&set.demonstrations),
         start: shown.poses[moving(shown).start],
         start_velocity: DVec3::ZERO,
         own_goal: false,
@@ -188,12 +189,6 @@ pub fn shown_course(set: &SkillSet, demonstration: usize) -> Course {
         push: None,
         ball: None,
     }
-}
-
-/// The mean goal seen from the goal frame.
-fn grasp(set: &SkillSet) -> Pose {
-    let canonical = crate::canonical::canonical_frames(&set.demonstrations);
-    canonical.goal_frame.inverse().compose(&canonical.goal)
 }
 
 impl Bench<'_> {
