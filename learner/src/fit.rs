@@ -39,8 +39,6 @@ const REPAIRS: &str = "repairs";
 pub const VALLEY_FAULTS: &str = "valley faults";
 /// A constraint is active when it holds with equality to this share of its bound.
 const ACTIVE: f64 = 1e-4;
-/// Bound on the repairs of a fit.
-const REPAIRS_MAX: u32 = 6;
 /// Every how many demands the solver sees at first.
 const WORKING_STRIDE: usize = 32;
 /// Demands that are met by less than this share of their speed join those that are not met.
@@ -124,9 +122,9 @@ pub fn fit<const N: usize>(
         let (mut parameters, status, iterations) = program.solve(block)?;
         program.bring_goal_to_rest(&mut parameters);
         let (_, faults) = valley::descent(&shape.field(&parameters), phase_length);
-        if faults.is_empty() || repairs == REPAIRS_MAX {
+        if faults.is_empty() || repairs == settings.repairs_max {
             let mut figures = program.figures(block, &parameters, status, iterations);
-            figures.figures.push((REPAIRS.into(), f64::from(repairs)));
+            figures.figures.push((REPAIRS.into(), repairs as f64));
             figures.figures.push((VALLEY_FAULTS.into(), faults.len() as f64));
             return Ok(Fitted { shape, parameters, figures });
         }

@@ -170,6 +170,8 @@ pub struct FieldSettings {
     pub descent_stride: usize,
     /// Seeded random points at which descent is demanded besides.
     pub descent_points_random: usize,
+    /// How often the fit may be solved again with louder demands where its valley does not fall.
+    pub repairs_max: usize,
     /// How far in each coordinate they lie from the demonstrations [ŷ].
     pub descent_radius: f64,
     /// How far in the phase, times its length [ŷ].
@@ -373,6 +375,7 @@ impl Skill {
                 ("fit.tube_stride", f.tube_stride, 1, 1000),
                 ("fit.descent_stride", f.descent_stride, 1, 1000),
                 ("fit.descent_points_random", f.descent_points_random, 1, 10_000),
+                ("fit.repairs_max", f.repairs_max, 0, 100),
             ]),
             FitSettings::Thesis(t) => counts.push(("fit.stride", t.stride, 1, 1000)),
         }
