@@ -131,11 +131,11 @@ fn comes_to_rest_and_goes_on(robot: &mut Robot, first: JointCommand, reason: Rea
     }
     assert!(ticks > 5, "a ramp, not a jump: {ticks} ticks");
     assert!(robot.speed() < 0.05, "it goes on at {} m/s", robot.speed());
-    for i in 0..2 {
+    for (i, v) in moving.into_iter().enumerate().take(2) {
         let jump = command.position[i] - robot.state.position[i];
         assert!(jump.abs() < 1e-3, "it goes on from elsewhere: {jump} m");
         // What is left of the motion may be braked, but nothing is sped up at once.
-        let (a, v) = (command.acceleration[i], moving[i]);
+        let a = command.acceleration[i];
         assert!(a.abs() < 1.0 || a * v < 0.0, "{a} m/s² at {v} m/s");
     }
     robot.run_up();

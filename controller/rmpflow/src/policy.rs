@@ -8,6 +8,7 @@ use crate::skill::{Phase, Skill, SkillInertia, SkillValue};
 
 /// A learned policy: immutable.
 #[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "there is one policy, and it lies close together")]
 pub enum Policy {
     /// Fields on canonical coordinates and the phase, behind a frame map.
     Canonical(Skill),

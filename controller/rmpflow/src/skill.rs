@@ -137,7 +137,6 @@ impl Joint {
     ///
     /// * `scale`  by which the field's force and metric are multiplied
     /// * `jacobian`  ∂y/∂(linear or angular displacement), which begin at column `first`
-    #[expect(clippy::too_many_arguments, reason = "the parts of one block of the map")]
     fn add<const N: usize>(
         &mut self,
         field: &Field<N>,
