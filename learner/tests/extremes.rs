@@ -85,8 +85,8 @@ fn small_skill(template: &str) -> String {
     for (key, value) in [
         ("components:", "3"),
         ("iterations:", "3"),
-        ("grid_points_per_axis:", "6"),
-        ("grid_points_random:", "60"),
+        ("descent_points_random:", "60"),
+        ("repairs_max:", "1"),
         ("horizon_s:", "0.5"),
         ("random_starts:", "2"),
         ("displaced_starts:", "2"),
