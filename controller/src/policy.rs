@@ -1,11 +1,12 @@
 //! The policy of a robot: the task's leaves on its tool, and the tree of all others.
 
-use core::cell::OnceCell;
+use core::cell::Cell;
+use core::ops::Range;
 
 use glam::DVec3;
 use nalgebra::SVector;
 use tprmp_model::controller_config::{Collision, ControllerConfig, ExemptObstacle, Exemption};
-use tprmp_rmpflow::avoidance::{Body, PointMotion, add_clearance};
+use tprmp_rmpflow::avoidance::{Body, Part, PointMotion, add_clearance};
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::governor::SpeedGovernor;
 use tprmp_rmpflow::joint_leaves::{JointLimits, JointSpeedLimits, Posture};
@@ -15,8 +16,8 @@ use tprmp_rmpflow::policy::{Policy as SkillPolicy, PolicyState};
 use tprmp_rmpflow::skill::{SkillInertia, SkillValue};
 use tprmp_rmpflow::tree::{self, SelfCollision, Tree, TreeState};
 use tprmp_robot::{
-    Chain, ControlPoint, ControlPoints, Kinematics, SelfPairs, forward_kinematics_with_velocity,
-    point_kinematics, point_position,
+    CONTROL_POINT_CAPACITY, Chain, ControlPoint, ControlPoints, Kinematics, SelfPairs,
+    forward_kinematics_with_velocity, point_kinematics, point_position,
 };
 
 use crate::standstill::Surroundings;
@@ -31,6 +32,7 @@ pub struct Policy<const N: usize> {
     approach: Option<ApproachFunnel>,
     lift: Option<PoseAttractor>,
     points: Vec<AvoidingPoint>,
+    parts: Vec<LinkPart>,
     tree: Tree<N>,
 }
 
@@ -40,6 +42,36 @@ struct AvoidingPoint {
     exempt: Vec<ExemptObstacle>,
 }
 
+/// The control points of a link, and a ball around them.
+#[derive(Debug)]
+struct LinkPart {
+    points: Range<usize>,
+    joint: usize,
+    /// Centre in that joint's frame \[m\].
+    centre: DVec3,
+    radius: f64,
+}
+
+impl LinkPart {
+    /// The parts of control points, of which those of a link follow one another.
+    fn of(points: &[ControlPoint]) -> Vec<Self> {
+        let mut first = 0;
+        let runs = points.chunk_by(|a, b| a.link == b.link);
+        runs.map(|run| {
+            let points = first..first + run.len();
+            first = points.end;
+            let corner = |f: fn(DVec3, DVec3) -> DVec3| {
+                run.iter().map(|point| point.centre).reduce(f).unwrap_or(DVec3::NAN)
+            };
+            let centre = 0.5 * (corner(DVec3::min) + corner(DVec3::max));
+            let reach = |point: &ControlPoint| point.centre.distance(centre) + point.radius;
+            let radius = run.iter().map(reach).fold(0.0, f64::max);
+            Self { points, joint: run[0].joint, centre, radius }
+        })
+        .collect()
+    }
+}
+
 /// What the policy needs between ticks, and where it puts its intermediate results.
 #[derive(Debug)]
 pub struct Workspace<const N: usize> {
@@ -47,34 +79,75 @@ pub struct Workspace<const N: usize> {
     pub kinematics: Kinematics<N>,
     skill: PolicyState,
     tree: TreeState<N>,
-    centres: Vec<DVec3>,
-    motions: Vec<OnceCell<PointMotion<N>>>,
+    part_centres: Vec<DVec3>,
+    centres: OnDemand<DVec3>,
+    motions: OnDemand<PointMotion<N>>,
     /// Of the last evaluation of the skill.
     value: Option<SkillValue>,
 }
 
-/// The control points of the arm in its present posture; the motion of a point is computed when it
-/// is first asked for.
+/// A value for each control point, computed when it is first asked for.
+#[derive(Debug)]
+struct OnDemand<T: Copy> {
+    /// A bit for each value that is there.
+    known: Cell<u64>,
+    values: Box<[Cell<T>]>,
+}
+
+impl<T: Copy> OnDemand<T> {
+    fn new(count: usize, undefined: T) -> Self {
+        const { assert!(CONTROL_POINT_CAPACITY <= u64::BITS as usize, "a bit for each point") };
+        Self { known: Cell::new(0), values: vec![Cell::new(undefined); count].into() }
+    }
+
+    fn forget(&mut self) {
+        self.known.set(0);
+    }
+
+    #[inline]
+    fn get(&self, i: usize, compute: impl FnOnce() -> T) -> T {
+        let (bit, known) = (1 << i, self.known.get());
+        if known & bit == 0 {
+            self.known.set(known | bit);
+            self.values[i].set(compute());
+        }
+        self.values[i].get()
+    }
+}
+
+/// The control points of the arm in its present posture; where a point is and how it moves is computed
+/// when it is first asked for.
 struct Links<'a, const N: usize> {
     policy: &'a Policy<N>,
     kinematics: &'a Kinematics<N>,
-    centres: &'a [DVec3],
-    motions: &'a [OnceCell<PointMotion<N>>],
+    part_centres: &'a [DVec3],
+    centres: &'a OnDemand<DVec3>,
+    motions: &'a OnDemand<PointMotion<N>>,
     tool: &'a Pose,
     tool_goal: &'a Pose,
 }
 
 impl<const N: usize> Body<N> for Links<'_, N> {
     fn count(&self) -> usize {
-        self.centres.len()
+        self.policy.points.len()
+    }
+
+    fn part_count(&self) -> usize {
+        self.part_centres.len()
+    }
+
+    fn part(&self, k: usize) -> Part {
+        let LinkPart { points, radius, .. } = &self.policy.parts[k];
+        Part { position: self.part_centres[k], radius: *radius, points: points.clone() }
     }
 
     fn ball(&self, i: usize) -> (DVec3, f64) {
-        (self.centres[i], self.policy.points[i].point.radius)
+        let ControlPoint { joint, centre, radius, .. } = self.policy.points[i].point;
+        (self.centres.get(i, || point_position(self.kinematics, joint, centre)), radius)
     }
 
     fn motion(&self, i: usize) -> PointMotion<N> {
-        *self.motions[i].get_or_init(|| {
+        self.motions.get(i, || {
             let ControlPoint { joint, centre, .. } = self.policy.points[i].point;
             let motion = point_kinematics(&self.policy.chain, self.kinematics, joint, centre);
             PointMotion {
@@ -99,7 +172,7 @@ impl<const N: usize> Body<N> for Links<'_, N> {
     /// Known of the points that move with the tool.
     fn at_goal(&self, i: usize) -> Option<DVec3> {
         let with_tool = self.policy.points[i].point.joint + 1 == N;
-        let from_tool = self.tool.orientation.conjugate() * (self.centres[i] - self.tool.position);
+        let from_tool = self.tool.orientation.conjugate() * (self.ball(i).0 - self.tool.position);
         with_tool.then(|| self.tool_goal.position + self.tool_goal.orientation * from_tool)
     }
 }
@@ -181,7 +254,9 @@ impl<const N: usize> Policy<N> {
         });
         let points =
             if avoids || config.self_collision.is_some() { points.collect() } else { vec![] };
+        let parts = LinkPart::of(&control_points.as_slice()[..points.len()]);
         Self {
+            parts,
             points,
             tree: tree(&chain, control_points, config),
             chain,
@@ -201,8 +276,9 @@ impl<const N: usize> Policy<N> {
             kinematics: Kinematics::new(),
             skill: PolicyState::default(),
             tree: TreeState::default(),
-            centres: vec![DVec3::NAN; count],
-            motions: (0..count).map(|_| OnceCell::new()).collect(),
+            part_centres: vec![DVec3::NAN; self.parts.len()],
+            centres: OnDemand::new(count, DVec3::NAN),
+            motions: OnDemand::new(count, PointMotion::UNDEFINED),
             value: None,
         }
     }
@@ -270,14 +346,15 @@ impl<const N: usize> Policy<N> {
             add_clearance(&funnel.leaf, &clearance, &motion, &mut root);
         }
 
-        let points = workspace.centres.iter_mut().zip(&mut workspace.motions).zip(&self.points);
-        for ((centre, motion), AvoidingPoint { point, .. }) in points {
-            *centre = point_position(kinematics, point.joint, point.centre);
-            motion.take();
+        workspace.centres.forget();
+        workspace.motions.forget();
+        for (centre, part) in workspace.part_centres.iter_mut().zip(&self.parts) {
+            *centre = point_position(kinematics, part.joint, part.centre);
         }
         let links = Links {
             policy: self,
             kinematics,
+            part_centres: &workspace.part_centres,
             centres: &workspace.centres,
             motions: &workspace.motions,
             tool: &tool,
@@ -345,9 +422,19 @@ fn tree<const N: usize>(
         self_collision: config.self_collision.as_ref().map(|own| SelfCollision {
             leaf: own.avoidance.leaf(),
             margin_m: own.margin_m,
-            pairs: SelfPairs::new(chain, points, &own.exempt).watched.into(),
+            pairs: part_pairs(points, &SelfPairs::new(chain, points, &own.exempt)),
         }),
         avoidance: config.collision.as_ref().map(Collision::leaf),
         obstacle_jerk_max: config.collision.as_ref().map(|c| acceleration_max / c.onset_s),
     }
+}
+
+/// Which links keep clear of each other: of two links either all pairs of points are watched or none.
+fn part_pairs(points: &ControlPoints, pairs: &SelfPairs) -> Box<[(usize, usize)]> {
+    let parts = LinkPart::of(points.as_slice());
+    let part = |i: usize| parts.iter().position(|part| part.points.contains(&i));
+    let mut found: Vec<_> =
+        pairs.watched.iter().filter_map(|&(i, j)| Some((part(i)?, part(j)?))).collect();
+    found.dedup();
+    found.into()
 }

@@ -28,8 +28,10 @@
 //! the obstacle. The steering does work: the energy of the
 //! tree falls where nothing presses on an obstacle.
 
+use core::ops::Range;
+
 use glam::{DQuat, DVec3};
-use nalgebra::{Cholesky, Const, Matrix3, SMatrix, SVector, Vector1, Vector3};
+use nalgebra::{ArrayStorage, Cholesky, Const, Matrix3, SMatrix, SVector, Vector1, Vector3};
 
 use crate::leaves::CollisionAvoidance;
 use crate::natural::Natural;
@@ -71,10 +73,40 @@ pub struct PointMotion<const N: usize> {
     pub drift: Vector3<f64>,
 }
 
+impl<const N: usize> PointMotion<N> {
+    /// Not yet known.
+    pub const UNDEFINED: Self = Self {
+        position: DVec3::NAN,
+        velocity: DVec3::NAN,
+        jacobian: SMatrix::from_array_storage(ArrayStorage([[f64::NAN; 3]; N])),
+        drift: Vector3::new(f64::NAN, f64::NAN, f64::NAN),
+    };
+}
+
+/// Points of a body that stay where they are among each other, and a ball around their balls.
+#[derive(Debug, Clone)]
+pub struct Part {
+    /// Centre \[m\].
+    pub position: DVec3,
+    /// Radius \[m\].
+    pub radius: f64,
+    /// Which points; they follow one another.
+    pub points: Range<usize>,
+}
+
 /// The points of a body that keep clear, each the centre of a ball.
 pub trait Body<const N: usize> {
     /// How many there are.
     fn count(&self) -> usize;
+    /// How many parts the points make up: each its own, unless the body knows better.
+    fn part_count(&self) -> usize {
+        self.count()
+    }
+    /// Part `k`, below [`Body::part_count`]. A whole part is passed over where it is far from all.
+    fn part(&self, k: usize) -> Part {
+        let (position, radius) = self.ball(k);
+        Part { position, radius, points: k..k + 1 }
+    }
     /// Position \[m\] and radius \[m\] of point `i`, below [`Body::count`].
     fn ball(&self, i: usize) -> (DVec3, f64);
     /// Motion of point `i`.
@@ -222,50 +254,60 @@ impl Avoidance {
             let mut near = false;
             let mut open = None;
             let (mut sum, mut weight_sum) = (SVector::<f64, N>::zeros(), 0.0);
-            for i in 0..body.count() {
-                let (position, radius) = body.ball(i);
-                if !body.avoids(i, &obstacle.shape) {
+            for part in (0..body.part_count()).map(|k| body.part(k)) {
+                // Nothing of a part is nearer than the ball around it.
+                let limit = reach.max(seen.clearance_min_m);
+                if obstacle.distance(part.position, part.radius + self.margin_m) >= limit {
                     continue;
                 }
-                let distance = obstacle.distance(position, radius + self.margin_m);
-                seen.clearance_min_m = seen.clearance_min_m.min(distance);
-                if distance >= reach {
-                    continue;
-                }
-                let motion = body.motion(i);
-                let clearance =
-                    obstacle.clearance(motion.position, motion.velocity, radius + self.margin_m);
-                add_clearance(&self.leaf, &clearance, &motion, root);
-                let Some(steering) = self.steering.filter(|s| distance < s.range_m) else {
-                    continue;
-                };
-                if obstacle.shape == Shape::HalfSpace {
-                    continue;
-                }
-                let relative = motion.velocity - obstacle.velocity_at(motion.position);
-                let wanted = steering.wanted(&motion, relative, free);
-                let beta = steering.share(distance);
-                near |= beta > 0.0;
-                let Some(pressing) = steering.pressing(&clearance, wanted) else { continue };
-                let weight = beta * pressing;
-                pressing_sum += weight;
-                motion_sum += weight * relative.length() / wanted.length();
-                let normal = clearance.normal;
-                let chosen = state.axis(k, &steering, normal, wanted, beta, task_energy);
-                let Some(axis) = chosen else { continue };
-                let open = *open.get_or_insert_with(|| self.goal_share(body, obstacle));
-                let persistence = state.persistence(normal, wanted, axis, task_energy);
-                let gain = steering.gain * persistence * open;
-                let aside = normal + axis.cross(normal) * gain;
-                let turned = (wanted + aside * weight).clamp_length_max(wanted.length());
-                let change = turned - wanted;
-                seen.pressing = seen.pressing.max(weight / wanted.length());
-                let mut mobility = motion.jacobian * factor.solve(&motion.jacobian.transpose());
-                mobility += Matrix3::identity() * (TASK_DAMPING * mobility.trace() / 3.0);
-                if let Some(task) = Cholesky::new(mobility) {
-                    let force = task.solve(&vector(change * steering.response_1_s));
-                    sum += motion.jacobian.tr_mul(&force) * weight;
-                    weight_sum += weight;
+                for i in part.points {
+                    let (position, radius) = body.ball(i);
+                    if !body.avoids(i, &obstacle.shape) {
+                        continue;
+                    }
+                    let distance = obstacle.distance(position, radius + self.margin_m);
+                    seen.clearance_min_m = seen.clearance_min_m.min(distance);
+                    if distance >= reach {
+                        continue;
+                    }
+                    let motion = body.motion(i);
+                    let clearance = obstacle.clearance(
+                        motion.position,
+                        motion.velocity,
+                        radius + self.margin_m,
+                    );
+                    add_clearance(&self.leaf, &clearance, &motion, root);
+                    let Some(steering) = self.steering.filter(|s| distance < s.range_m) else {
+                        continue;
+                    };
+                    if obstacle.shape == Shape::HalfSpace {
+                        continue;
+                    }
+                    let relative = motion.velocity - obstacle.velocity_at(motion.position);
+                    let wanted = steering.wanted(&motion, relative, free);
+                    let beta = steering.share(distance);
+                    near |= beta > 0.0;
+                    let Some(pressing) = steering.pressing(&clearance, wanted) else { continue };
+                    let weight = beta * pressing;
+                    pressing_sum += weight;
+                    motion_sum += weight * relative.length() / wanted.length();
+                    let normal = clearance.normal;
+                    let chosen = state.axis(k, &steering, normal, wanted, beta, task_energy);
+                    let Some(axis) = chosen else { continue };
+                    let open = *open.get_or_insert_with(|| self.goal_share(body, obstacle));
+                    let persistence = state.persistence(normal, wanted, axis, task_energy);
+                    let gain = steering.gain * persistence * open;
+                    let aside = normal + axis.cross(normal) * gain;
+                    let turned = (wanted + aside * weight).clamp_length_max(wanted.length());
+                    let change = turned - wanted;
+                    seen.pressing = seen.pressing.max(weight / wanted.length());
+                    let mut mobility = motion.jacobian * factor.solve(&motion.jacobian.transpose());
+                    mobility += Matrix3::identity() * (TASK_DAMPING * mobility.trace() / 3.0);
+                    if let Some(task) = Cholesky::new(mobility) {
+                        let force = task.solve(&vector(change * steering.response_1_s));
+                        sum += motion.jacobian.tr_mul(&force) * weight;
+                        weight_sum += weight;
+                    }
                 }
             }
             if weight_sum > 0.0 {

@@ -68,6 +68,7 @@ struct Distance {
 
 impl Shape {
     /// The signed distance and its first two derivatives.
+    #[inline]
     fn distance(&self, point: DVec3) -> Distance {
         let from = |away: DVec3, radius: f64, curved: DVec3| {
             let reach = away.length().max(1e-9);
@@ -142,8 +143,14 @@ impl Obstacle {
     /// Distance of a ball of `radius` at `point` from the surface \[m\]: the first thing that
     /// [`Obstacle::clearance`] says.
     #[must_use]
+    #[inline]
     pub fn distance(&self, point: DVec3, radius: f64) -> f64 {
-        let seen = self.orientation.conjugate() * (point - self.position);
+        let arm = point - self.position;
+        // A ball looks the same from all sides.
+        let seen = match self.shape {
+            Shape::Sphere { .. } => arm,
+            _ => self.orientation.conjugate() * arm,
+        };
         self.shape.distance(seen).distance - radius
     }
 

@@ -13,6 +13,7 @@
 //! any kind is a [`Body`]: N coordinates, and points that move with them. A point that moves freely
 //! is a [`FreeBall`](crate::avoidance::FreeBall).
 
+use glam::DVec3;
 use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector1};
 
 use crate::avoidance::{Avoidance, AvoidanceState, Body, Nearness, vector};
@@ -47,7 +48,7 @@ pub struct SelfCollision {
     pub leaf: CollisionAvoidance,
     /// Added to the distance that is kept \[m\].
     pub margin_m: f64,
-    /// Which points keep clear of each other.
+    /// Which parts of the body keep clear of each other: all points of one of all of the other.
     pub pairs: Box<[(usize, usize)]>,
 }
 
@@ -167,32 +168,58 @@ fn pivots<const N: usize>(factor: &Cholesky<f64, Const<N>>) -> f64 {
 }
 
 impl SelfCollision {
-    /// Adds the leaves of all close pairs; returns the least clearance among them,
-    /// margin taken off.
+    /// Adds the leaves of all close pairs; returns the least clearance among them, margin taken off.
     fn add<const N: usize>(&self, body: &impl Body<N>, root: &mut Natural<N>) -> f64 {
         let mut least = f64::INFINITY;
-        for &(i, j) in &self.pairs {
-            let ((a, radius_a), (b, radius_b)) = (body.ball(i), body.ball(j));
-            let kept = radius_a + radius_b + self.margin_m;
-            let reach = kept + self.leaf.activation_distance_m;
-            let square = (a - b).length_squared();
-            if square >= reach * reach {
+        for &(a, b) in &self.pairs {
+            let (one, other) = (body.part(a), body.part(b));
+            if self.is_far(one.position - other.position, one.radius + other.radius) {
                 continue;
             }
-            let (one, other) = (body.motion(i), body.motion(j));
-            let length = square.sqrt().max(1e-9);
-            least = least.min(length - kept);
-            let normal = (a - b) / length;
-            let relative = one.velocity - other.velocity;
-            let rate = normal.dot(relative);
-            if let Some(leaf) = self.leaf.evaluate(length - kept, rate) {
-                let bend = (relative.length_squared() - rate * rate) / length;
-                let normal = vector(normal);
-                let row: SMatrix<f64, 1, N> = normal.transpose() * (one.jacobian - other.jacobian);
-                let drift = normal.dot(&(one.drift - other.drift)) + bend;
-                root.add_pullback(&leaf, &row, &Vector1::new(drift));
+            for i in one.points {
+                let (position, radius) = body.ball(i);
+                if self.is_far(position - other.position, radius + other.radius) {
+                    continue;
+                }
+                for j in other.points.clone() {
+                    least = least.min(self.add_pair(body, i, j, root));
+                }
             }
         }
         least
+    }
+
+    /// Whether balls whose centres are `apart` lie out of the leaf's reach.
+    fn is_far(&self, apart: DVec3, radii: f64) -> bool {
+        let reach = radii + self.margin_m + self.leaf.activation_distance_m;
+        apart.length_squared() >= reach * reach
+    }
+
+    /// Adds the leaf of a pair of points; returns its clearance, infinite when it is not close.
+    fn add_pair<const N: usize>(
+        &self,
+        body: &impl Body<N>,
+        i: usize,
+        j: usize,
+        root: &mut Natural<N>,
+    ) -> f64 {
+        let ((a, radius_a), (b, radius_b)) = (body.ball(i), body.ball(j));
+        if self.is_far(a - b, radius_a + radius_b) {
+            return f64::INFINITY;
+        }
+        let (one, other) = (body.motion(i), body.motion(j));
+        let length = (a - b).length().max(1e-9);
+        let clearance = length - (radius_a + radius_b + self.margin_m);
+        let normal = (a - b) / length;
+        let relative = one.velocity - other.velocity;
+        let rate = normal.dot(relative);
+        if let Some(leaf) = self.leaf.evaluate(clearance, rate) {
+            let bend = (relative.length_squared() - rate * rate) / length;
+            let normal = vector(normal);
+            let row: SMatrix<f64, 1, N> = normal.transpose() * (one.jacobian - other.jacobian);
+            let drift = normal.dot(&(one.drift - other.drift)) + bend;
+            root.add_pullback(&leaf, &row, &Vector1::new(drift));
+        }
+        clearance
     }
 }

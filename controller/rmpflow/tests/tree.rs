@@ -3,12 +3,12 @@
 use glam::{DVec2, DVec3};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 use proptest::prelude::*;
-use tprmp_rmpflow::avoidance::{Avoidance, Body, PointMotion, Side, Steering};
+use tprmp_rmpflow::avoidance::{Avoidance, Body, Part, PointMotion, Side, Steering};
 use tprmp_rmpflow::joint_leaves::{JointLimits, JointSpeedLimits, Posture};
 use tprmp_rmpflow::leaves::{CollisionAvoidance, JointDamping};
 use tprmp_rmpflow::natural::Natural;
 use tprmp_rmpflow::obstacle::{Obstacle, Shape};
-use tprmp_rmpflow::tree::{SelfCollision, Task, Tree, TreeState};
+use tprmp_rmpflow::tree::{Resolved, SelfCollision, Task, Tree, TreeState};
 
 const LEAF: CollisionAvoidance = CollisionAvoidance {
     activation_distance_m: 0.15,
@@ -18,6 +18,15 @@ const LEAF: CollisionAvoidance = CollisionAvoidance {
     approach_speed_m_s: 0.5,
     repulsion_m2_s2: 0.02,
     damping_1_s: 8.0,
+};
+
+const STEERING: Steering = Steering {
+    range_m: 0.15,
+    gain: 4.0,
+    response_1_s: 8.0,
+    approach_1_s: 1.0,
+    speed_max_m_s: 1.5,
+    side: Side::Plane,
 };
 
 /// Three links of half a metre in the plane, with balls at the links' ends and middles.
@@ -68,6 +77,44 @@ impl Body<3> for Arm {
 
     fn at_goal(&self, _: usize) -> Option<DVec3> {
         None
+    }
+}
+
+/// The same arm, which knows that two balls each make up a link.
+struct Links<'a>(&'a Arm);
+
+impl Body<3> for Links<'_> {
+    fn count(&self) -> usize {
+        self.0.count()
+    }
+
+    fn part_count(&self) -> usize {
+        3
+    }
+
+    fn part(&self, k: usize) -> Part {
+        let ends = [2 * k, 2 * k + 1].map(|i| self.0.motion(i).position);
+        Part {
+            position: 0.5 * (ends[0] + ends[1]),
+            radius: 0.25 * LENGTH + RADIUS,
+            points: 2 * k..2 * k + 2,
+        }
+    }
+
+    fn ball(&self, i: usize) -> (DVec3, f64) {
+        self.0.ball(i)
+    }
+
+    fn motion(&self, i: usize) -> PointMotion<3> {
+        self.0.motion(i)
+    }
+
+    fn avoids(&self, i: usize, shape: &Shape) -> bool {
+        self.0.avoids(i, shape)
+    }
+
+    fn at_goal(&self, i: usize) -> Option<DVec3> {
+        self.0.at_goal(i)
     }
 }
 
@@ -218,6 +265,38 @@ proptest! {
         }
     }
 
+    /// Parts that are passed over as a whole change no bit.
+    #[test]
+    fn what_is_passed_over_with_its_part_would_not_have_counted(
+        q in [-2.4..2.4_f64, -2.4..2.4_f64, -2.4..2.4_f64],
+        qd in [-1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64],
+        place in [-1.5..1.5_f64, -0.4..1.5_f64],
+        shape in 0..3_usize,
+    ) {
+        let arm = Arm { q: Vector3::from(q), qd: Vector3::from(qd) };
+        let position = DVec3::new(place[0], place[1], 0.0);
+        let obstacles = [Obstacle { position, ..obstacles()[shape] }];
+        let resolved = |body: &dyn Fn(&Tree<3>, &mut TreeState<3>) -> Resolved<3>, pairs: &[_]| {
+            let mut tree = tree(Some(STEERING));
+            if let Some(own) = &mut tree.self_collision {
+                own.pairs = pairs.into();
+            }
+            let found = body(&tree, &mut TreeState::default());
+            (found.acceleration, found.nearness, found.self_clearance_min_m)
+        };
+        let task = Pull { goal: DVec3::new(0.7, 1.0, 0.0) }.leaf(&arm.motion(5));
+        let points = resolved(
+            &|tree, state| tree.evaluate(&task, &arm.q, &arm.qd, &arm, &obstacles, 1e-3, state).unwrap(),
+            &[(0, 4), (0, 5), (1, 4), (1, 5)],
+        );
+        let links = Links(&arm);
+        let parts = resolved(
+            &|tree, state| tree.evaluate(&task, &arm.q, &arm.qd, &links, &obstacles, 1e-3, state).unwrap(),
+            &[(0, 2)],
+        );
+        prop_assert_eq!(points, parts);
+    }
+
     #[test]
     fn the_metric_of_the_leaves_is_symmetric_and_positive_semi_definite(
         q in [-2.3..2.3_f64, -2.3..2.3_f64, -2.3..2.3_f64],
@@ -280,14 +359,6 @@ proptest! {
 #[test]
 fn a_link_that_is_blocked_is_led_around_the_obstacle() {
     // Balls on the way of the outermost link: each holds it, or hardly, without the steering.
-    let steering = Steering {
-        range_m: 0.15,
-        gain: 4.0,
-        response_1_s: 8.0,
-        approach_1_s: 1.0,
-        speed_max_m_s: 1.5,
-        side: Side::Plane,
-    };
     let pull = Pull { goal: DVec3::new(0.7, 1.0, 0.0) };
     let run = |steering: Option<Steering>, ball: DVec3| {
         let ball = [Obstacle::sphere(ball, 0.1, DVec3::ZERO)];
@@ -309,7 +380,7 @@ fn a_link_that_is_blocked_is_led_around_the_obstacle() {
     for (x, y) in [(1.15, 0.4), (1.15, 0.5), (1.15, 0.6), (1.25, 0.5)] {
         let ball = DVec3::new(x, y, 0.0);
         held += usize::from(run(None, ball) > 0.1);
-        let with = run(Some(steering), ball);
+        let with = run(Some(STEERING), ball);
         assert!(with < 0.05, "{ball}: {with}");
     }
     assert!(held > 0, "no ball is in the way");
