@@ -31,10 +31,10 @@
 use core::ops::Range;
 
 use glam::{DQuat, DVec3};
-use nalgebra::{ArrayStorage, Cholesky, Const, Matrix3, SMatrix, SVector, Vector1, Vector3};
+use nalgebra::{ArrayStorage, Matrix3, SMatrix, SVector, Vector1, Vector3};
 
 use crate::leaves::CollisionAvoidance;
-use crate::natural::Natural;
+use crate::natural::{Factor, Natural};
 use crate::obstacle::{Clearance, Obstacle, Shape};
 
 /// Most obstacles that are steered around; the clearance is kept from any number.
@@ -239,7 +239,7 @@ impl Avoidance {
         body: &impl Body<N>,
         obstacles: &[Obstacle],
         free: &SVector<f64, N>,
-        factor: &Cholesky<f64, Const<N>>,
+        factor: &Factor<N>,
         task_energy: f64,
         dt: f64,
         root: &mut Natural<N>,
@@ -301,9 +301,9 @@ impl Avoidance {
                     let turned = (wanted + aside * weight).clamp_length_max(wanted.length());
                     let change = turned - wanted;
                     seen.pressing = seen.pressing.max(weight / wanted.length());
-                    let mut mobility = motion.jacobian * factor.solve(&motion.jacobian.transpose());
+                    let mut mobility = factor.mobility(&motion.jacobian);
                     mobility += Matrix3::identity() * (TASK_DAMPING * mobility.trace() / 3.0);
-                    if let Some(task) = Cholesky::new(mobility) {
+                    if let Some(task) = Factor::new(&mobility) {
                         let force = task.solve(&vector(change * steering.response_1_s));
                         sum += motion.jacobian.tr_mul(&force) * weight;
                         weight_sum += weight;

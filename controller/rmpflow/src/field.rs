@@ -24,11 +24,14 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use crate::lanes::{self, Kernel, LANES, Lanes, Quad};
+
 /// Most components of a field, the goal's included.
 pub const COMPONENT_CAPACITY: usize = 64;
-/// Numbers of a component that are blended: enough for N = 4, 1 + 4 + 10 + 10, in whole vectors of
-/// four.
-const ROW: usize = 28;
+/// Groups of four numbers of a component that are blended: enough for N = 4, 1 + 4 + 10 + 10.
+const ROW_CAPACITY: usize = 7;
+/// Most groups of four components.
+const QUAD_CAPACITY: usize = COMPONENT_CAPACITY / LANES;
 /// Components whose weight is below exp(−45) of the largest are left out: less than what rounding
 /// leaves of the others.
 const EXPONENT_MAX: f64 = 45.0;
@@ -61,7 +64,11 @@ pub struct Field<const N: usize> {
     components: [Component<N>; COMPONENT_CAPACITY],
     /// φ_k and M_k as polynomials of u = z − (g, 1): φ_k(0), ∇φ_k(0), and the upper triangles of S_k
     /// and M_k, row by row.
-    rows: [[f64; ROW]; COMPONENT_CAPACITY],
+    rows: [[Quad; ROW_CAPACITY]; COMPONENT_CAPACITY],
+    /// s_k, four in each; the lanes beyond the last component repeat that.
+    phases: [Quad; QUAD_CAPACITY],
+    /// 1, or 0 in the lanes beyond the last component.
+    presence: Quad,
     count: usize,
     /// σ.
     phase_width: f64,
@@ -112,12 +119,13 @@ pub struct Valley<const N: usize> {
 
 /// Numbers blended from the rows of all components: a quadratic and a metric.
 #[derive(Clone, Copy)]
-struct Blend([f64; ROW]);
+struct Blend([Quad; ROW_CAPACITY]);
 
 impl Blend {
     /// Constant, gradient and Hessian of the quadratic.
     fn quadratic<const N: usize>(&self) -> (f64, SVector<f64, N>, SMatrix<f64, N, N>) {
-        (self.0[0], SVector::from_fn(|i, _| self.0[1 + i]), self.triangle(1 + N))
+        let row = self.0.as_flattened();
+        (row[0], SVector::from_fn(|i, _| row[1 + i]), self.triangle(1 + N))
     }
 
     fn metric<const N: usize>(&self) -> SMatrix<f64, N, N> {
@@ -125,12 +133,13 @@ impl Blend {
     }
 
     fn triangle<const N: usize>(&self, first: usize) -> SMatrix<f64, N, N> {
+        let row = self.0.as_flattened();
         let mut matrix = SMatrix::zeros();
         let mut at = first;
         for i in 0..N {
             for j in i..N {
-                matrix[(i, j)] = self.0[at];
-                matrix[(j, i)] = self.0[at];
+                matrix[(i, j)] = row[at];
+                matrix[(j, i)] = row[at];
                 at += 1;
             }
         }
@@ -139,11 +148,12 @@ impl Blend {
 }
 
 /// The component as a row of [`Field::rows`].
-fn row<const N: usize>(component: &Component<N>, goal: &SVector<f64, N>) -> [f64; ROW] {
+fn row<const N: usize>(component: &Component<N>, goal: &SVector<f64, N>) -> [Quad; ROW_CAPACITY] {
     let mean = component.mean - goal;
     let bend = component.hessian * mean;
     let gradient = component.gradient - bend;
-    let mut row = [0.0; ROW];
+    let mut quads = [[0.0; LANES]; ROW_CAPACITY];
+    let row = quads.as_flattened_mut();
     row[0] = component.potential - component.gradient.dot(&mean) + 0.5 * bend.dot(&mean);
     let mut at = 1;
     for entry in &gradient {
@@ -158,12 +168,14 @@ fn row<const N: usize>(component: &Component<N>, goal: &SVector<f64, N>) -> [f64
             }
         }
     }
-    row
+    quads
 }
 
 impl<const N: usize> Field<N> {
     /// More dimensions do not fit a row.
-    const FITS: () = assert!(1 + N + N * (N + 1) <= ROW, "a field has at most four dimensions");
+    const FITS: () = assert!(Self::ROW <= ROW_CAPACITY, "a field has at most four dimensions");
+    /// Groups of four numbers that a component has.
+    const ROW: usize = (1 + N + N * (N + 1)).div_ceil(LANES);
 
     /// A field of these components, the last of which is the goal's; `phase_width` is σ.
     ///
@@ -184,7 +196,22 @@ impl<const N: usize> Field<N> {
         stored[..count].copy_from_slice(components);
         let goal = last.mean;
         let rows = stored.map(|component| row(&component, &goal));
-        Ok(Self { components: stored, rows, count, phase_width, goal, damping_1_s })
+        let mut phases = [[goal[N - 1]; LANES]; QUAD_CAPACITY];
+        for (phase, component) in phases.as_flattened_mut().iter_mut().zip(components) {
+            *phase = component.mean[N - 1];
+        }
+        let mut presence = [0.0; LANES];
+        presence[..(count - 1) % LANES + 1].fill(1.0);
+        Ok(Self {
+            components: stored,
+            rows,
+            phases,
+            presence,
+            count,
+            phase_width,
+            goal,
+            damping_1_s,
+        })
     }
 
     /// Its components, the last of which is the goal's.
@@ -214,45 +241,18 @@ impl<const N: usize> Field<N> {
     /// The weights w_k and their derivatives at a phase; what lies behind the count is zero.
     #[must_use]
     pub fn weights(&self, phase: f64) -> [[f64; 2]; COMPONENT_CAPACITY] {
-        let inverse = 1.0 / self.phase_width;
+        let Weights { values, rates } = lanes::run(Weighing { field: self, phase });
         let mut weights = [[0.0; 2]; COMPONENT_CAPACITY];
-        let mut least = f64::INFINITY;
-        for ([exponent, pull], component) in weights.iter_mut().zip(self.components()) {
-            let offset = (phase - component.mean[N - 1]) * inverse;
-            *exponent = 0.5 * offset * offset;
-            *pull = offset * inverse;
-            least = least.min(*exponent);
-        }
-        let (mut sum, mut pull_sum) = (0.0, 0.0);
-        for [weight, pull] in &mut weights[..self.count] {
-            // Not a number stays what it is.
-            let above = *weight - least;
-            *weight = if above > EXPONENT_MAX { 0.0 } else { (-above).exp() };
-            sum += *weight;
-            pull_sum += *weight * *pull;
-        }
-        let (scale, mean_pull) = (1.0 / sum, pull_sum / sum);
-        for [weight, pull] in &mut weights[..self.count] {
-            *weight *= scale;
-            *pull = *weight * (mean_pull - *pull);
+        let each = values.as_flattened().iter().zip(rates.as_flattened());
+        for (weight, (value, rate)) in weights.iter_mut().zip(each).take(self.count) {
+            *weight = [*value, *rate];
         }
         weights
     }
 
     /// Σ w_k row_k and Σ w_k′ row_k.
     fn blend(&self, phase: f64) -> [Blend; 2] {
-        let weights = self.weights(phase);
-        let (mut value, mut slope) = ([0.0; ROW], [0.0; ROW]);
-        for ([weight, rate], row) in weights[..self.count].iter().zip(&self.rows) {
-            if *weight == 0.0 {
-                continue;
-            }
-            for ((value, slope), entry) in value.iter_mut().zip(&mut slope).zip(row) {
-                *value += weight * entry;
-                *slope += rate * entry;
-            }
-        }
-        [Blend(value), Blend(slope)]
+        lanes::run(Blending { field: self, phase })
     }
 
     /// Evaluates the field at z for the velocity ż.
@@ -317,6 +317,106 @@ impl<const N: usize> Field<N> {
             0.5 * weight * offset.dot(&(component.metric * offset))
         })
         .sum()
+    }
+}
+
+/// w_k and w_k′, four components side by side; beyond the last one they are zero.
+struct Weights {
+    values: [Quad; QUAD_CAPACITY],
+    rates: [Quad; QUAD_CAPACITY],
+}
+
+impl Weights {
+    const NONE: Self =
+        Self { values: [[0.0; LANES]; QUAD_CAPACITY], rates: [[0.0; LANES]; QUAD_CAPACITY] };
+}
+
+/// Sets the weights of a field's components at a phase.
+#[inline(always)]
+fn weigh<L: Lanes, const N: usize>(field: &Field<N>, phase: f64, weights: &mut Weights) {
+    let (at, inverse) = (L::splat(phase), L::splat(1.0 / field.phase_width));
+    let phases = &field.phases[..field.count.div_ceil(LANES)];
+    let mut least = L::splat(f64::INFINITY);
+    for own in phases {
+        let offset = (at - L::load(own)) * inverse;
+        least = (offset * offset).smaller(least);
+    }
+    let [a, b, c, d] = least.store();
+    let least = L::splat(a.min(b).min(c.min(d)));
+    let (mut sum, mut offset_sum) = (L::zero(), L::zero());
+    for (q, own) in phases.iter().enumerate() {
+        let offset = (at - L::load(own)) * inverse;
+        let above = (offset * offset - least) * L::splat(0.5);
+        // Not a number has no weight; then there is no sum to divide by, and nothing is a number.
+        let mut weight = above.choose(EXPONENT_MAX, (-above).exp(), L::zero());
+        if (q + 1) * LANES > field.count {
+            weight = weight * L::load(&field.presence);
+        }
+        sum = sum + weight;
+        offset_sum = offset_sum + weight * offset;
+        weights.values[q] = weight.store();
+    }
+    let scale = 1.0 / sum.sum();
+    let mean_offset = L::splat(offset_sum.sum() * scale);
+    for (q, own) in phases.iter().enumerate() {
+        let offset = (at - L::load(own)) * inverse;
+        let weight = L::load(&weights.values[q]) * L::splat(scale);
+        weights.values[q] = weight.store();
+        weights.rates[q] = (weight * (mean_offset - offset) * inverse).store();
+    }
+}
+
+/// [`weigh`].
+struct Weighing<'a, const N: usize> {
+    field: &'a Field<N>,
+    phase: f64,
+}
+
+impl<const N: usize> Kernel for Weighing<'_, N> {
+    type Output = Weights;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Weights {
+        let mut weights = Weights::NONE;
+        weigh::<L, N>(self.field, self.phase, &mut weights);
+        weights
+    }
+}
+
+/// Σ w_k row_k and Σ w_k′ row_k, four entries at once.
+struct Blending<'a, const N: usize> {
+    field: &'a Field<N>,
+    phase: f64,
+}
+
+impl<const N: usize> Kernel for Blending<'_, N> {
+    type Output = [Blend; 2];
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> [Blend; 2] {
+        let Self { field, phase } = self;
+        let mut weights = Weights::NONE;
+        weigh::<L, N>(field, phase, &mut weights);
+        let Weights { values, rates } = &weights;
+        let (mut value, mut slope) = ([L::zero(); ROW_CAPACITY], [L::zero(); ROW_CAPACITY]);
+        let each = values.as_flattened().iter().zip(rates.as_flattened()).zip(&field.rows);
+        for ((weight, rate), row) in each.take(field.count) {
+            if *weight == 0.0 {
+                continue;
+            }
+            let (weight, rate) = (L::splat(*weight), L::splat(*rate));
+            for i in 0..Field::<N>::ROW {
+                let entries = L::load(&row[i]);
+                value[i] = value[i] + weight * entries;
+                slope[i] = slope[i] + rate * entries;
+            }
+        }
+        let mut blends = [Blend([[0.0; LANES]; ROW_CAPACITY]); 2];
+        for i in 0..Field::<N>::ROW {
+            blends[0].0[i] = value[i].store();
+            blends[1].0[i] = slope[i].store();
+        }
+        blends
     }
 }
 
@@ -400,6 +500,26 @@ mod tests {
             assert!((value.potential - potential / sum).abs() < 1e-10);
             assert!((value.metric - metric / sum).norm() < 1e-12);
             assert!((value.damping - value.metric * 8.0).norm() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn every_machine_gives_the_same_bits() {
+        let field = field();
+        for phase in (-30..60).map(|i| 0.025 * f64::from(i)) {
+            let field = &field;
+            let (here, portable) =
+                (field.blend(phase), lanes::run_portable(Blending { field, phase }));
+            assert_eq!(here.map(|b| b.0), portable.map(|b| b.0));
+        }
+    }
+
+    #[test]
+    fn a_phase_that_is_not_finite_gives_nothing_finite() {
+        for phase in [f64::NAN, f64::INFINITY] {
+            let z = Vector4::new(0.1, 0.2, 0.3, phase);
+            let value = field().evaluate(&z, &Vector4::x());
+            assert!(!value.potential.is_finite() && value.metric.iter().all(|m| !m.is_finite()));
         }
     }
 

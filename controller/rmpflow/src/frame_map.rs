@@ -104,17 +104,33 @@ impl FrameMotion {
         }
     }
 
+    /// The motion of a point that the frame carries, `arm` from its origin in the world \[m\].
+    #[must_use]
+    pub fn carried_point(&self, arm: DVec3) -> Vec3<Jet> {
+        let turning = self.carried_direction(arm);
+        Vec3::moving(
+            self.pose.position + arm,
+            self.linear_velocity + turning.first(),
+            self.linear_acceleration + turning.second(),
+        )
+    }
+
+    /// The motion of a direction that the frame carries, in the world.
+    #[must_use]
+    pub fn carried_direction(&self, direction: DVec3) -> Vec3<Jet> {
+        let (rate, bend) = (self.angular_velocity, self.angular_acceleration);
+        let first = rate.cross(direction);
+        Vec3::moving(direction, first, bend.cross(direction) + rate.cross(first))
+    }
+
     /// The motion of a frame that is fixed to this one, `offset` as seen from it.
     #[must_use]
     pub fn carrying(&self, offset: &Pose) -> Self {
-        let lever = self.pose.orientation * offset.position;
-        let (rate, bend) = (self.angular_velocity, self.angular_acceleration);
+        let origin = self.carried_point(self.pose.orientation * offset.position);
         Self {
             pose: self.pose.compose(offset),
-            linear_velocity: self.linear_velocity + rate.cross(lever),
-            linear_acceleration: self.linear_acceleration
-                + bend.cross(lever)
-                + rate.cross(rate.cross(lever)),
+            linear_velocity: origin.first(),
+            linear_acceleration: origin.second(),
             ..*self
         }
     }
@@ -152,21 +168,20 @@ pub struct Canonical {
     pub rotation: DVec3,
 }
 
-/// What the map says about a moving pose in the world, at a moving phase.
+/// What the map says about a moving position or orientation in the world at a moving phase; y is its
+/// position \[m\] or its orientation chart \[rad\] in canonical coordinates.
 #[derive(Debug, Clone, Copy)]
 pub struct Mapped {
     /// y.
-    pub point: Canonical,
+    pub point: DVec3,
     /// ẏ.
-    pub velocity: Canonical,
+    pub velocity: DVec3,
     /// ÿ for ẍ = 0 and s̈ = 0.
-    pub drift: Canonical,
-    /// ∂y_p/∂x_p.
-    pub position_jacobian: DMat3,
-    /// ∂y_r/∂(angular displacement).
-    pub rotation_jacobian: DMat3,
+    pub drift: DVec3,
+    /// ∂y/∂(linear or angular displacement).
+    pub jacobian: DMat3,
     /// ∂y/∂s.
-    pub phase_derivative: Canonical,
+    pub phase_derivative: DVec3,
 }
 
 /// The map of a skill. Immutable.
@@ -212,11 +227,18 @@ pub fn ramp(t: f64, rise: f64) -> [f64; 3] {
     ]
 }
 
-/// p(s), c(s) and R(s).
-struct Rigid<S> {
+/// p(s), c(s) and R(s): how the frames carry the space at a phase, see [`FrameMap::at`].
+#[derive(Debug, Clone, Copy)]
+pub struct Carried<S> {
     image: Vec3<S>,
     centre: Vec3<S>,
     turn: Quat<S>,
+    /// p′, c′, and the rate of R over the phase as a rotation vector in the world.
+    rates: [DVec3; 3],
+    /// The rotation from the world to canonical axes where positions turn, otherwise none.
+    positions_back: Option<Quat<S>>,
+    /// From the world into the axes of q_g.
+    to_goal: Quat<S>,
 }
 
 impl FrameMap {
@@ -288,6 +310,9 @@ impl FrameMap {
     /// Takes in where the frames are and how they move; `None` when there are too few.
     #[must_use]
     pub fn displace(&self, frames: &[FrameMotion]) -> Option<Displacement> {
+        if frames.len() < self.frame_count() {
+            return None;
+        }
         let zero = Vec3::constant(DVec3::ZERO);
         let mut displacement = Displacement {
             images: [zero; FRAME_CAPACITY],
@@ -296,16 +321,11 @@ impl FrameMap {
         };
         let mut before = displacement.rotation;
         for (p, anchor) in self.anchors().iter().enumerate() {
-            let frame = frames.get(anchor.index)?;
-            let rotation = Quat::moving(
-                frame.pose.orientation * anchor.frame.orientation.conjugate(),
-                frame.angular_velocity,
-                frame.angular_acceleration,
-            );
-            let origin =
-                Vec3::moving(frame.pose.position, frame.linear_velocity, frame.linear_acceleration);
-            let lever = Vec3::constant(anchor.point - anchor.frame.position);
-            displacement.images[p] = origin.plus(rotation.rotate(lever));
+            let frame = &frames[anchor.index];
+            let turn = frame.pose.orientation * anchor.frame.orientation.conjugate();
+            let arm = turn * (anchor.point - anchor.frame.position);
+            displacement.images[p] = frame.carried_point(arm);
+            let rotation = Quat::moving(turn, frame.angular_velocity, frame.angular_acceleration);
             if p == 0 {
                 displacement.rotation = rotation;
             } else {
@@ -324,45 +344,54 @@ impl FrameMap {
         [value, slope * rate, bend * rate * rate]
     }
 
-    fn rigid<S: Real + FromJet>(&self, d: &Displacement, phase: S) -> Rigid<S> {
-        let mut rigid = Rigid {
-            image: S::vector(d.images[0]),
-            centre: Vec3::constant(self.anchors[0].point),
-            turn: S::quaternion(d.rotation),
-        };
-        for p in 0..self.count - 1 {
-            let alpha = phase.chain(self.ramp_at(p, phase.value()));
-            let step = S::vector(d.images[p + 1]).minus(S::vector(d.images[p]));
-            rigid.image = rigid.image.plus(step.times(alpha));
-            let step = self.anchors[p + 1].point - self.anchors[p].point;
-            rigid.centre = rigid.centre.plus(Vec3::constant(step).times(alpha));
-            rigid.turn = Quat::exp(S::vector(d.twists[p]).times(alpha)).times(rigid.turn);
-        }
-        rigid
+    /// How the space is carried at a moving phase s with the rate ṡ \[1/s\].
+    ///
+    /// Hot path: no allocation. Input that is not finite gives output that is not finite.
+    #[must_use]
+    pub fn at(&self, displacement: &Displacement, phase: f64, rate: f64) -> Carried<Jet> {
+        self.carried(displacement, Jet(phase, rate, 0.0))
     }
 
-    fn inverse_in<S: Real + FromJet>(
-        &self,
-        rigid: &Rigid<S>,
-        position: Vec3<S>,
-        orientation: Quat<S>,
-    ) -> (Vec3<S>, Vec3<S>) {
-        let back = rigid.turn.conjugate();
-        let arm = position.minus(rigid.image);
-        let arm = if self.positions_turn { back.rotate(arm) } else { arm };
-        let goal = Quat::<S>::constant(self.goal.orientation.conjugate());
-        (rigid.centre.plus(arm), goal.times(back).times(orientation).log())
+    #[inline]
+    fn carried<S: Real + FromJet>(&self, d: &Displacement, phase: S) -> Carried<S> {
+        let mut image = S::vector(d.images[0]);
+        let mut centre = Vec3::constant(self.anchors[0].point);
+        let mut turn = S::quaternion(d.rotation);
+        let mut rates = [DVec3::ZERO; 3];
+        for p in 0..self.count - 1 {
+            let ramp = self.ramp_at(p, phase.value());
+            let (alpha, slope) = (phase.chain(ramp), ramp[1]);
+            let step = S::vector(d.images[p + 1]).minus(S::vector(d.images[p]));
+            image = image.plus(step.times(alpha));
+            rates[0] += step.value() * slope;
+            let step = self.anchors[p + 1].point - self.anchors[p].point;
+            centre = centre.plus(Vec3::constant(step).times(alpha));
+            rates[1] += step * slope;
+            let twist = S::vector(d.twists[p]);
+            let further = Quat::exp(twist.times(alpha));
+            turn = further.times(turn);
+            rates[2] = twist.value() * slope + further.value() * rates[2];
+        }
+        let back = turn.conjugate();
+        Carried {
+            image,
+            centre,
+            turn,
+            rates,
+            positions_back: self.positions_turn.then_some(back),
+            to_goal: back.times_constant_left(self.goal.orientation.conjugate()),
+        }
     }
 
     /// Where a canonical point lies in the world at a phase.
     #[must_use]
     pub fn forward(&self, displacement: &Displacement, phase: f64, y: &Canonical) -> Pose {
-        let rigid = self.rigid::<f64>(displacement, phase);
-        let arm = Vec3(y.position.to_array()).minus(rigid.centre);
-        let arm = if self.positions_turn { rigid.turn.rotate(arm) } else { arm };
-        let orientation = rigid.turn.value() * self.goal.orientation;
+        let carried = self.carried::<f64>(displacement, phase);
+        let arm = Vec3(y.position.to_array()).minus(carried.centre);
+        let arm = if self.positions_turn { carried.turn.rotate(arm) } else { arm };
+        let orientation = carried.turn.value() * self.goal.orientation;
         Pose {
-            position: DVec3::from_array(rigid.image.plus(arm).0),
+            position: carried.image.plus(arm).value(),
             orientation: orientation * DQuat::from_scaled_axis(y.rotation),
         }
     }
@@ -370,77 +399,76 @@ impl FrameMap {
     /// The canonical point of a pose in the world at a phase.
     #[must_use]
     pub fn inverse(&self, displacement: &Displacement, phase: f64, pose: &Pose) -> Canonical {
-        let rigid = self.rigid::<f64>(displacement, phase);
-        let position = Vec3(pose.position.to_array());
-        let (y, r) = self.inverse_in(&rigid, position, Quat::constant(pose.orientation));
-        Canonical { position: DVec3::from_array(y.0), rotation: DVec3::from_array(r.0) }
-    }
-
-    /// p′, c′ and the rate of R over the phase, as a rotation vector in the world.
-    fn rates(&self, d: &Displacement, phase: f64) -> (DVec3, DVec3, DVec3) {
-        let (mut image, mut centre, mut turn) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
-        for p in 0..self.count - 1 {
-            let [alpha, slope, _] = self.ramp_at(p, phase);
-            image += (d.images[p + 1].value() - d.images[p].value()) * slope;
-            centre += (self.anchors[p + 1].point - self.anchors[p].point) * slope;
-            let twist = d.twists[p].value();
-            turn = twist * slope + DQuat::from_scaled_axis(twist * alpha) * turn;
+        let carried = self.carried::<f64>(displacement, phase);
+        Canonical {
+            position: carried.canonical_position(Vec3(pose.position.to_array())).value(),
+            rotation: carried.canonical_rotation(Quat::constant(pose.orientation)).value(),
         }
-        (image, centre, turn)
+    }
+}
+
+impl<S: Real> Carried<S> {
+    fn canonical_position(&self, position: Vec3<S>) -> Vec3<S> {
+        let arm = position.minus(self.image);
+        self.centre.plus(self.positions_back.map_or(arm, |back| back.rotate(arm)))
     }
 
-    /// Maps a moving pose at a moving phase: point, velocity, drift and Jacobian.
+    fn canonical_rotation(&self, orientation: Quat<S>) -> Vec3<S> {
+        self.to_goal.times(orientation).log()
+    }
+}
+
+/// With x the position or the orientation: ẏ = J ẋ + ∂y/∂s ṡ + ∂y/∂t and ÿ = J ẍ + ∂y/∂s s̈ + drift.
+impl Carried<Jet> {
+    /// Maps a moving position.
     ///
-    /// * `linear`, `angular`  velocity of the pose in the world \[m/s, rad/s\]
-    /// * `phase`, `rate`  s and ṡ \[1/s\]
-    ///
-    /// With x = (position, orientation): ẏ = J ẋ + ∂y/∂s ṡ + ∂y/∂t and ÿ = J ẍ + ∂y/∂s s̈ + drift.
+    /// * `position`, `linear`  in the world \[m, m/s\]
     ///
     /// Hot path: no allocation. Input that is not finite gives output that is not finite.
     #[must_use]
-    pub fn map(
-        &self,
-        d: &Displacement,
-        pose: &Pose,
-        linear: DVec3,
-        angular: DVec3,
-        phase: f64,
-        rate: f64,
-    ) -> Mapped {
-        let rigid = self.rigid(d, Jet(phase, rate, 0.0));
-        let (y, r) = self.inverse_in(
-            &rigid,
-            Vec3::moving(pose.position, linear, DVec3::ZERO),
-            Quat::moving(pose.orientation, angular, DVec3::ZERO),
-        );
-        let point = Canonical { position: y.value(), rotation: r.value() };
-        let turn_back = DMat3::from_quat(rigid.turn.value().conjugate());
-        let to_chart = DMat3::from_quat(self.goal.orientation.conjugate()) * turn_back;
-        let rotation_jacobian = inverse_left_jacobian(point.rotation) * to_chart;
-        let (image, centre, turn) = self.rates(d, phase);
-        let (position_jacobian, along) = if self.positions_turn {
-            let arm = pose.position - rigid.image.value();
-            (turn_back, centre - turn_back * (image + turn.cross(arm)))
-        } else {
-            (DMat3::IDENTITY, centre - image)
+    pub fn position(&self, position: DVec3, linear: DVec3) -> Mapped {
+        let y = self.canonical_position(Vec3::moving(position, linear, DVec3::ZERO));
+        let [image, centre, turn] = self.rates;
+        let (jacobian, away) = match &self.positions_back {
+            Some(back) => {
+                let arm = position - self.image.value();
+                (DMat3::from_quat(back.value()), image + turn.cross(arm))
+            }
+            None => (DMat3::IDENTITY, image),
         };
-        Mapped {
-            point,
-            velocity: Canonical { position: y.first(), rotation: r.first() },
-            drift: Canonical { position: y.second(), rotation: r.second() },
-            position_jacobian,
-            rotation_jacobian,
-            phase_derivative: Canonical { position: along, rotation: -(rotation_jacobian * turn) },
-        }
+        Mapped::new(y, jacobian, centre - jacobian * away)
+    }
+
+    /// Maps a moving orientation.
+    ///
+    /// * `orientation`, `angular`  in the world, its angular velocity in \[rad/s\]
+    ///
+    /// Hot path: no allocation. Input that is not finite gives output that is not finite.
+    #[must_use]
+    pub fn rotation(&self, orientation: DQuat, angular: DVec3) -> Mapped {
+        let y = self.canonical_rotation(Quat::moving(orientation, angular, DVec3::ZERO));
+        let to_goal = DMat3::from_quat(self.to_goal.value());
+        let jacobian = inverse_left_jacobian(y.value()) * to_goal;
+        Mapped::new(y, jacobian, -(jacobian * self.rates[2]))
+    }
+}
+
+impl Mapped {
+    fn new(y: Vec3<Jet>, jacobian: DMat3, phase_derivative: DVec3) -> Self {
+        let (point, velocity, drift) = (y.value(), y.first(), y.second());
+        Self { point, velocity, drift, jacobian, phase_derivative }
     }
 }
 
 /// Jets as they are, or only their values.
 trait FromJet: Sized {
     fn from_jet(jet: Jet) -> Self;
+    #[inline]
     fn vector(v: Vec3<Jet>) -> Vec3<Self> {
-        Vec3(v.0.map(Self::from_jet))
+        let [x, y, z] = v.0;
+        Vec3([Self::from_jet(x), Self::from_jet(y), Self::from_jet(z)])
     }
+    #[inline]
     fn quaternion(q: Quat<Jet>) -> Quat<Self> {
         Quat { w: Self::from_jet(q.w), v: Self::vector(q.v) }
     }
@@ -643,24 +671,24 @@ mod tests {
                 let angular_acceleration =
                     (after.rotation_from(&now) - now.rotation_from(&before)) / (h * h);
                 let d = map.displace(&frames(t0)).unwrap();
-                let mapped = map.map(&d, &now, linear, angular, phase, phase_rate);
-                let velocity_error = (mapped.velocity.position - rate.position).length()
-                    + (mapped.velocity.rotation - rate.rotation).length();
+                let carried = map.at(&d, phase, phase_rate);
+                let position = carried.position(now.position, linear);
+                let rotation = carried.rotation(now.orientation, angular);
+                let velocity_error = (position.velocity - rate.position).length()
+                    + (rotation.velocity - rate.rotation).length();
                 assert!(velocity_error < 1e-6, "{velocity_error:e}");
                 // ÿ = 0 = J ẍ + drift.
-                let drift_error = (mapped.position_jacobian * linear_acceleration
-                    + mapped.drift.position)
+                let drift_error = (position.jacobian * linear_acceleration + position.drift)
                     .length()
-                    + (mapped.rotation_jacobian * angular_acceleration + mapped.drift.rotation)
-                        .length();
+                    + (rotation.jacobian * angular_acceleration + rotation.drift).length();
                 assert!(drift_error < 1e-5, "{drift_error:e}");
 
                 let h = 1e-6;
                 let [low, high] = [-h, h].map(|step| map.inverse(&d, phase + step, &now));
                 let along = (high.position - low.position) / (2.0 * h);
-                assert!((along - mapped.phase_derivative.position).length() < 1e-7);
+                assert!((along - position.phase_derivative).length() < 1e-7);
                 let along = (high.rotation - low.rotation) / (2.0 * h);
-                assert!((along - mapped.phase_derivative.rotation).length() < 1e-7);
+                assert!((along - rotation.phase_derivative).length() < 1e-7);
                 for axis in DVec3::AXES {
                     let [low, high] = [-h, h].map(|step| {
                         let turn = DQuat::from_scaled_axis(axis * step);
@@ -671,9 +699,9 @@ mod tests {
                         map.inverse(&d, phase, &moved)
                     });
                     let column = (high.position - low.position) / (2.0 * h);
-                    assert!((column - mapped.position_jacobian * axis).length() < 1e-8);
+                    assert!((column - position.jacobian * axis).length() < 1e-8);
                     let column = (high.rotation - low.rotation) / (2.0 * h);
-                    assert!((column - mapped.rotation_jacobian * axis).length() < 1e-7);
+                    assert!((column - rotation.jacobian * axis).length() < 1e-7);
                 }
             }
         }

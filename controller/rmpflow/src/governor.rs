@@ -1,8 +1,8 @@
 //! A governor: keeps what a learned policy asks for within a speed.
 
-use nalgebra::{Cholesky, Matrix3, Vector3, Vector6};
+use nalgebra::{Matrix3, Vector3, Vector6};
 
-use crate::natural::Natural;
+use crate::natural::{Factor, Natural};
 
 /// Scales the acceleration of a policy on a pose where the velocity it tends to is too fast.
 ///
@@ -44,7 +44,7 @@ impl SpeedGovernor {
         let share = |most: f64, rows: usize, force: &Vector3<f64>| {
             let block: Matrix3<f64> = policy.metric.fixed_view::<3, 3>(rows, rows).into();
             let damped = block + Matrix3::identity() * (METRIC_DAMPING * block.trace() + 1e-12);
-            let Some(factor) = Cholesky::new(damped) else { return 1.0 };
+            let Some(factor) = Factor::new(&damped) else { return 1.0 };
             let v: Vector3<f64> = velocity.fixed_rows::<3>(rows).into();
             let wanted = (v + factor.solve(force) / self.response_1_s).norm();
             if wanted > most { most / wanted } else { 1.0 }

@@ -12,19 +12,28 @@ pub trait Real:
     fn constant(value: f64) -> Self;
     /// Its value.
     fn value(self) -> f64;
+    /// self · k
+    fn scaled(self, k: f64) -> Self;
     /// h(self) for a function given by its value and first two derivatives at [`Real::value`].
     fn chain(self, derivatives: [f64; 3]) -> Self;
 }
 
 impl Real for f64 {
+    #[inline]
     fn constant(value: f64) -> Self {
         value
     }
+    #[inline]
     fn value(self) -> f64 {
         self
     }
+    #[inline]
     fn chain(self, derivatives: [f64; 3]) -> Self {
         derivatives[0]
+    }
+    #[inline]
+    fn scaled(self, k: f64) -> Self {
+        self * k
     }
 }
 
@@ -41,6 +50,7 @@ pub struct Jet(
 
 impl Add for Jet {
     type Output = Self;
+    #[inline]
     fn add(self, o: Self) -> Self {
         Self(self.0 + o.0, self.1 + o.1, self.2 + o.2)
     }
@@ -48,6 +58,7 @@ impl Add for Jet {
 
 impl Sub for Jet {
     type Output = Self;
+    #[inline]
     fn sub(self, o: Self) -> Self {
         Self(self.0 - o.0, self.1 - o.1, self.2 - o.2)
     }
@@ -55,6 +66,7 @@ impl Sub for Jet {
 
 impl Neg for Jet {
     type Output = Self;
+    #[inline]
     fn neg(self) -> Self {
         Self(-self.0, -self.1, -self.2)
     }
@@ -62,6 +74,7 @@ impl Neg for Jet {
 
 impl Mul for Jet {
     type Output = Self;
+    #[inline]
     fn mul(self, o: Self) -> Self {
         Self(
             self.0 * o.0,
@@ -72,14 +85,21 @@ impl Mul for Jet {
 }
 
 impl Real for Jet {
+    #[inline]
     fn constant(value: f64) -> Self {
         Self(value, 0.0, 0.0)
     }
+    #[inline]
     fn value(self) -> f64 {
         self.0
     }
+    #[inline]
     fn chain(self, [h, dh, ddh]: [f64; 3]) -> Self {
         Self(h, dh * self.1, ddh * self.1 * self.1 + dh * self.2)
+    }
+    #[inline]
+    fn scaled(self, k: f64) -> Self {
+        Self(self.0 * k, self.1 * k, self.2 * k)
     }
 }
 
@@ -89,52 +109,72 @@ pub struct Vec3<S>(pub [S; 3]);
 
 impl<S: Real> Vec3<S> {
     /// A constant vector.
+    #[inline]
     pub fn constant(v: DVec3) -> Self {
         Self(v.to_array().map(S::constant))
     }
     /// self + v
+    #[inline]
     pub fn plus(self, v: Self) -> Self {
-        Self([0, 1, 2].map(|i| self.0[i] + v.0[i]))
+        let ([a, b, c], [x, y, z]) = (self.0, v.0);
+        Self([a + x, b + y, c + z])
     }
     /// self − v
+    #[inline]
     pub fn minus(self, v: Self) -> Self {
-        Self([0, 1, 2].map(|i| self.0[i] - v.0[i]))
+        let ([a, b, c], [x, y, z]) = (self.0, v.0);
+        Self([a - x, b - y, c - z])
     }
     /// s · self
+    #[inline]
     pub fn times(self, s: S) -> Self {
-        Self(self.0.map(|c| c * s))
+        let [a, b, c] = self.0;
+        Self([a * s, b * s, c * s])
     }
     /// self · v
+    #[inline]
     pub fn dot(self, v: Self) -> S {
         self.0[0] * v.0[0] + self.0[1] * v.0[1] + self.0[2] * v.0[2]
     }
     /// self × v
+    #[inline]
     pub fn cross(self, v: Self) -> Self {
         let ([a, b, c], [x, y, z]) = (self.0, v.0);
         Self([b * z - c * y, c * x - a * z, a * y - b * x])
     }
 }
 
+impl<S: Real> Vec3<S> {
+    /// Its value.
+    #[must_use]
+    #[inline]
+    pub fn value(self) -> DVec3 {
+        let [x, y, z] = self.0;
+        DVec3::new(x.value(), y.value(), z.value())
+    }
+}
+
 impl Vec3<Jet> {
     /// A point that moves: value, velocity, acceleration.
     #[must_use]
+    #[inline]
     pub fn moving(v: DVec3, velocity: DVec3, acceleration: DVec3) -> Self {
-        Self([0, 1, 2].map(|i| Jet(v[i], velocity[i], acceleration[i])))
-    }
-    /// Value.
-    #[must_use]
-    pub fn value(self) -> DVec3 {
-        DVec3::from_array(self.0.map(|c| c.0))
+        let jet = |i: usize| Jet(v[i], velocity[i], acceleration[i]);
+        Self([jet(0), jet(1), jet(2)])
     }
     /// First time derivative.
     #[must_use]
+    #[inline]
     pub fn first(self) -> DVec3 {
-        DVec3::from_array(self.0.map(|c| c.1))
+        let [x, y, z] = self.0;
+        DVec3::new(x.1, y.1, z.1)
     }
     /// Second time derivative.
     #[must_use]
+    #[inline]
     pub fn second(self) -> DVec3 {
-        DVec3::from_array(self.0.map(|c| c.2))
+        let [x, y, z] = self.0;
+        DVec3::new(x.2, y.2, z.2)
     }
 }
 
@@ -148,6 +188,7 @@ pub struct Quat<S> {
 }
 
 /// sin(θ/2)/θ and its first two derivatives with respect to s = θ²; cos(θ/2) likewise.
+#[inline]
 fn half_angle_functions(s: f64) -> ([f64; 3], [f64; 3]) {
     if s < 1e-3 {
         // Taylor series: truncation below 1e-16 for s < 1e-3.
@@ -174,11 +215,13 @@ fn half_angle_functions(s: f64) -> ([f64; 3], [f64; 3]) {
 
 impl<S: Real> Quat<S> {
     /// A constant quaternion.
+    #[inline]
     pub fn constant(q: DQuat) -> Self {
         Self { w: S::constant(q.w), v: Vec3::constant(q.xyz()) }
     }
 
     /// The rotation by the angle |r| about r.
+    #[inline]
     pub fn exp(r: Vec3<S>) -> Self {
         let s = r.dot(r);
         let (sinc, cos) = half_angle_functions(s.value());
@@ -187,12 +230,14 @@ impl<S: Real> Quat<S> {
 
     /// Its value.
     #[must_use]
+    #[inline]
     pub fn value(self) -> DQuat {
         let [x, y, z] = self.v.0.map(Real::value);
         DQuat::from_xyzw(x, y, z, self.w.value())
     }
 
     /// The Hamilton product self ⊗ q.
+    #[inline]
     pub fn times(self, q: Self) -> Self {
         Self {
             w: self.w * q.w - self.v.dot(q.v),
@@ -200,33 +245,51 @@ impl<S: Real> Quat<S> {
         }
     }
 
+    /// The Hamilton product q ⊗ self with a constant q.
+    #[inline]
+    pub fn times_constant_left(self, q: DQuat) -> Self {
+        let by = |c: S, k: f64| c.scaled(k);
+        let (w, [x, y, z]) = (self.w, self.v.0);
+        Self {
+            w: by(w, q.w) - by(x, q.x) - by(y, q.y) - by(z, q.z),
+            v: Vec3([
+                by(w, q.x) + by(x, q.w) + by(z, q.y) - by(y, q.z),
+                by(w, q.y) + by(y, q.w) + by(x, q.z) - by(z, q.x),
+                by(w, q.z) + by(z, q.w) + by(y, q.x) - by(x, q.y),
+            ]),
+        }
+    }
+
     /// The inverse of a unit quaternion.
+    #[inline]
     pub fn conjugate(self) -> Self {
-        Self { w: self.w, v: self.v.times(S::constant(-1.0)) }
+        let [x, y, z] = self.v.0;
+        Self { w: self.w, v: Vec3([-x, -y, -z]) }
     }
 
     /// The vector r, rotated.
+    #[inline]
     pub fn rotate(self, r: Vec3<S>) -> Vec3<S> {
-        let two = S::constant(2.0);
-        let t = self.v.cross(r).times(two);
+        let t = self.v.cross(r);
+        let t = t.plus(t);
         r.plus(t.times(self.w)).plus(self.v.cross(t))
     }
 
     /// The rotation vector of the shorter way round, |r| ≤ π. Inverse to [`Quat::exp`].
+    #[inline]
     pub fn log(self) -> Vec3<S> {
-        let (w, v) = if self.w.value() < 0.0 {
-            (-self.w, -S::constant(1.0))
-        } else {
-            (self.w, S::constant(1.0))
-        };
-        let v = self.v.times(v);
+        let [x, y, z] = self.v.0;
+        let (w, v) =
+            if self.w.value() < 0.0 { (-self.w, Vec3([-x, -y, -z])) } else { (self.w, self.v) };
         // θ/sin(θ/2) as a function of c = cos(θ/2): 2 arccos(c)/√(1−c²).
-        v.times(w.chain(angle_over_sine(w.value(), v.dot(v).value())))
+        let squared = v.value().length_squared();
+        v.times(w.chain(angle_over_sine(w.value(), squared)))
     }
 }
 
 /// 2 arccos(c)/√(1−c²) and its first two derivatives with respect to c, where n2 = 1−c² is given
 /// separately so that nothing cancels.
+#[inline]
 fn angle_over_sine(c: f64, n2: f64) -> [f64; 3] {
     // h = 2 arccos(c)/√(1−c²) solves (1−c²) h′ = c h − 2.
     if n2 < 1e-4 {
@@ -248,6 +311,7 @@ impl Quat<Jet> {
     /// A frame that turns: orientation, angular velocity and acceleration in the frame in which
     /// the orientation is expressed: q̇ = ½ ω q, q̈ = ½ ω̇ q − ¼ |ω|² q.
     #[must_use]
+    #[inline]
     pub fn moving(q: DQuat, angular_velocity: DVec3, angular_acceleration: DVec3) -> Self {
         let product = |r: DVec3| DQuat::from_xyzw(r.x, r.y, r.z, 0.0) * q;
         let first = product(angular_velocity) * 0.5;
@@ -259,6 +323,7 @@ impl Quat<Jet> {
 
     /// Angular velocity and acceleration: ω = 2 q̇ q⁻¹, ω̇ = 2 q̈ q⁻¹ + ½ |ω|² (vector parts).
     #[must_use]
+    #[inline]
     pub fn angular_motion(self) -> (DVec3, DVec3) {
         let part = |f: fn(Jet) -> f64| {
             DQuat::from_xyzw(f(self.v.0[0]), f(self.v.0[1]), f(self.v.0[2]), f(self.w))

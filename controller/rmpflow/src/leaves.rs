@@ -7,7 +7,7 @@ use glam::DVec3;
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector1, Vector3, Vector6};
 
 use crate::frame_map::{FrameMotion, Pose};
-use crate::jet::{Jet, Quat, Real, Vec3};
+use crate::jet::{Jet, Real, Vec3};
 use crate::natural::Natural;
 pub use crate::obstacle::{Clearance, Obstacle, Shape};
 use crate::rotation::orientation_chart;
@@ -103,17 +103,9 @@ impl ApproachFunnel {
         goal: DVec3,
         frame: &FrameMotion,
     ) -> Clearance {
-        let turn = Quat::moving(
-            frame.pose.orientation,
-            frame.angular_velocity,
-            frame.angular_acceleration,
-        );
-        let origin =
-            Vec3::moving(frame.pose.position, frame.linear_velocity, frame.linear_acceleration);
-        let lever = frame.pose.orientation.conjugate() * (goal - frame.pose.position);
         let away = Vec3::moving(point, velocity, DVec3::ZERO)
-            .minus(origin.plus(turn.rotate(Vec3::constant(lever))));
-        let axis = turn.rotate(Vec3::constant(self.axis));
+            .minus(frame.carried_point(goal - frame.pose.position));
+        let axis = frame.carried_direction(frame.pose.orientation * self.axis);
         let along = axis.dot(away);
         let sideways = away.minus(axis.times(along));
         let scaled = sideways.dot(sideways) * Jet::constant(-0.5 / (self.width_m * self.width_m));
@@ -121,12 +113,11 @@ impl ApproachFunnel {
         let bell = scaled.chain([share, share, share]);
         let start = Jet::constant(self.leaf.activation_distance_m - self.depth_m);
         let clearance = start + along + bell * Jet::constant(self.depth_m);
-        let value = |v: Vec3<Jet>| DVec3::from_array(v.0.map(Real::value));
         let steepness = self.depth_m * share / (self.width_m * self.width_m);
         Clearance {
             distance: clearance.0,
             rate: clearance.1,
-            normal: value(axis) - value(sideways) * steepness,
+            normal: axis.value() - sideways.value() * steepness,
             curvature: clearance.2,
         }
     }

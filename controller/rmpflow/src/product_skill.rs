@@ -312,8 +312,9 @@ impl<const D: usize> ProductSkill<D> {
     }
 }
 
-/// Sets the leaf of the field on \[linear; angular\] of the pose: as [`SkillValue::add`] with
-/// J = diag(I, J_r) of the chart, without the zeros.
+/// Sets the leaf of the field on \[linear; angular\] of the pose: as
+/// [`add_pullback`](crate::natural::Natural::add_pullback) with J = diag(I, J_r) of the chart, without
+/// the zeros.
 fn pull_back<const D: usize>(
     field: &FieldValue<D>,
     velocity: &SVector<f64, D>,

@@ -14,7 +14,7 @@
 //! that is held back, and follows one that is pushed.
 
 use glam::{DMat3, DVec3};
-use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
+use nalgebra::{Matrix6, SVector, Vector6};
 
 use crate::field::Field;
 use crate::frame_map::{Displacement, FrameMap, FrameMotion, Mapped, Pose};
@@ -126,60 +126,85 @@ impl SkillValue {
     }
 }
 
-/// A skill on pose and phase together: the first six coordinates are the pose's.
-struct Joint {
-    natural: Natural<7>,
+/// The field of one block, position or orientation, pulled back to its displacement x and the phase.
+struct Block {
+    /// f_x, f_s.
+    force: (DVec3, f64),
+    /// M_xx, M_xs, M_ss.
+    metric: (DMat3, DVec3, f64),
     energy: f64,
 }
 
-impl Joint {
-    /// Adds the field of one block: its coordinates are the first N − 1 of `point`.
+impl Block {
+    /// Nothing.
+    const NONE: Self =
+        Self { force: (DVec3::ZERO, 0.0), metric: (DMat3::ZERO, DVec3::ZERO, 0.0), energy: 0.0 };
+
+    /// Evaluates a field, the first N − 1 coordinates of which are those of `mapped`.
     ///
     /// * `scale`  by which the field's force and metric are multiplied
-    /// * `jacobian`  ∂y/∂(linear or angular displacement), which begin at column `first`
-    fn add<const N: usize>(
-        &mut self,
-        field: &Field<N>,
-        scale: f64,
-        phase: &Phase,
-        [point, velocity, drift, along]: [DVec3; 4],
-        jacobian: &DMat3,
-        first: usize,
-    ) {
+    fn new<const N: usize>(field: &Field<N>, scale: f64, phase: &Phase, mapped: &Mapped) -> Self {
+        let last = N - 1;
         let lifted = |v: DVec3, last: f64| {
             SVector::<f64, N>::from_fn(|i, _| if i + 1 < N { v[i] } else { last })
         };
-        let z = lifted(point, phase.share);
-        let rate = lifted(velocity, phase.rate_1_s);
-        let value = field.evaluate(&z, &rate);
-        let leaf = Natural { force: value.force(&rate) * scale, metric: value.metric * scale };
-        let mut rows = SMatrix::<f64, N, 7>::zeros();
-        for i in 0..N - 1 {
-            for j in 0..3 {
-                rows[(i, first + j)] = jacobian.col(j)[i];
-            }
-            rows[(i, 6)] = along[i];
+        let velocity = lifted(mapped.velocity, phase.rate_1_s);
+        let value = field.evaluate(&lifted(mapped.point, phase.share), &velocity);
+        let (force, metric) = (value.force(&velocity), &value.metric);
+        let vector = |entry: &dyn Fn(usize) -> f64| {
+            DVec3::new(entry(0), entry(1), if N > 3 { entry(2) } else { 0.0 })
+        };
+        let column = |j: usize| vector(&|i| metric[(i, j)]) * scale;
+        let own =
+            DMat3::from_cols(column(0), column(1), if N > 3 { column(2) } else { DVec3::ZERO });
+        let (with_phase, of_phase) = (column(last), metric[(last, last)] * scale);
+        // J̇ẋ is the drift; the phase is a coordinate as it is.
+        let Mapped { jacobian, phase_derivative: along, drift, .. } = mapped;
+        let residual = vector(&|i| force[i]) * scale - own * *drift;
+        let back = jacobian.transpose();
+        let mixed = own * *along + with_phase;
+        Self {
+            force: (
+                back * residual,
+                force[last] * scale - with_phase.dot(*drift) + along.dot(residual),
+            ),
+            metric: (
+                back * (own * *jacobian),
+                back * mixed,
+                of_phase + along.dot(with_phase) + along.dot(mixed),
+            ),
+            energy: value.energy(&velocity) * scale,
         }
-        rows[(N - 1, 6)] = 1.0;
-        self.natural.add_pullback(&leaf, &rows, &lifted(drift, 0.0));
-        self.energy += value.energy(&rate) * scale;
     }
+}
 
-    /// Eliminates the phase: the Schur complement of its row and column.
-    fn without_phase(&self) -> SkillValue {
-        let metric = &self.natural.metric;
-        let inverse = 1.0 / metric[(6, 6)];
-        let column = metric.fixed_view::<6, 1>(0, 6);
-        let coupling: Vector6<f64> = column * inverse;
-        let free = self.natural.force[6] * inverse;
-        SkillValue {
-            natural: Natural {
-                force: self.natural.force.fixed_rows::<6>(0) - column * free,
-                metric: metric.fixed_view::<6, 6>(0, 0) - column * coupling.transpose(),
-            },
-            energy: self.energy,
-            phase: PhaseResponse { free, coupling },
+/// A skill of these blocks, with the phase eliminated: the Schur complement of its row and column.
+fn without_phase(position: &Block, rotation: &Block) -> SkillValue {
+    let inverse = 1.0 / (position.metric.2 + rotation.metric.2);
+    let free = (position.force.1 + rotation.force.1) * inverse;
+    let pair = |a: DVec3, b: DVec3| Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z);
+    let column = pair(position.metric.1, rotation.metric.1);
+    let coupling = column * inverse;
+    let mut metric = Matrix6::zeros();
+    for j in 0..3 {
+        let (above, below) = (position.metric.0.col(j), rotation.metric.0.col(j));
+        for i in 0..3 {
+            metric[(i, j)] = above[i];
+            metric[(i + 3, j + 3)] = below[i];
         }
+    }
+    for j in 0..6 {
+        for i in 0..6 {
+            metric[(i, j)] -= column[i] * coupling[j];
+        }
+    }
+    SkillValue {
+        natural: Natural {
+            force: pair(position.force.0, rotation.force.0) - column * free,
+            metric,
+        },
+        energy: position.energy + rotation.energy,
+        phase: PhaseResponse { free, coupling },
     }
 }
 
@@ -212,25 +237,17 @@ impl Skill {
         angular: DVec3,
         phase: &Phase,
     ) -> SkillValue {
-        let mapped = self.map.map(displacement, pose, linear, angular, phase.share, phase.rate_1_s);
-        let Mapped { point, velocity, drift, phase_derivative: along, .. } = &mapped;
-        let mut joint = Joint { natural: Natural::zero(), energy: 0.0 };
-        let parts = [point.position, velocity.position, drift.position, along.position];
-        let jacobian = &mapped.position_jacobian;
-        match &self.position {
-            PositionField::Plane(field) => {
-                joint.add(field, inertia.linear_kg, phase, parts, jacobian, 0);
-            }
-            PositionField::Space(field) => {
-                joint.add(field, inertia.linear_kg, phase, parts, jacobian, 0);
-            }
-        }
-        if let Some(field) = &self.orientation {
-            let parts = [point.rotation, velocity.rotation, drift.rotation, along.rotation];
-            let scale = inertia.angular_kg_m2;
-            joint.add(field, scale, phase, parts, &mapped.rotation_jacobian, 3);
-        }
-        joint.without_phase()
+        let carried = self.map.at(displacement, phase.share, phase.rate_1_s);
+        let mapped = carried.position(pose.position, linear);
+        let position = match &self.position {
+            PositionField::Plane(field) => Block::new(field, inertia.linear_kg, phase, &mapped),
+            PositionField::Space(field) => Block::new(field, inertia.linear_kg, phase, &mapped),
+        };
+        let rotation = self.orientation.as_ref().map_or(Block::NONE, |field| {
+            let mapped = carried.rotation(pose.orientation, angular);
+            Block::new(field, inertia.angular_kg_m2, phase, &mapped)
+        });
+        without_phase(&position, &rotation)
     }
 
     /// The phase at which a pose is most at home, at rest: where it lies nearest to the demonstrations
@@ -323,7 +340,7 @@ mod tests {
     use crate::frame_map::Anchor;
     use crate::policy::{Policy, PolicyState};
     use glam::DQuat;
-    use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
+    use nalgebra::{Matrix3, Matrix4, SMatrix, Vector3, Vector4};
 
     /// A straight way from `start` to `goal`: a valley that falls along it.
     fn way(start: Vector3<f64>, goal: Vector3<f64>, stiffness: f64) -> Field<4> {
@@ -468,22 +485,39 @@ mod tests {
         assert!((metric - metric.transpose()).norm() < 1e-12);
         assert!(metric.cholesky().is_some());
 
-        // The same from the joint form of pose and phase.
-        let mapped = skill.map.map(&d, &pose, DVec3::X, DVec3::Y, 0.4, 0.3);
-        let mut joint = Joint { natural: Natural::zero(), energy: 0.0 };
-        let Mapped { point, velocity, drift, phase_derivative: along, .. } = &mapped;
-        let PositionField::Space(field) = &skill.position else { panic!("in space") };
-        let parts = [point.position, velocity.position, drift.position, along.position];
-        joint.add(field, INERTIA.linear_kg, &phase, parts, &mapped.position_jacobian, 0);
-        let parts = [point.rotation, velocity.rotation, drift.rotation, along.rotation];
-        let field = skill.orientation.as_ref().unwrap();
-        joint.add(field, INERTIA.angular_kg_m2, &phase, parts, &mapped.rotation_jacobian, 3);
-        let both = joint.natural.resolve().unwrap();
+        // The same from the form of pose and phase together, with all zeros written out.
+        let carried = skill.map.at(&d, 0.4, 0.3);
+        let PositionField::Space(position) = &skill.position else { panic!("in space") };
+        let blocks = [
+            (position, INERTIA.linear_kg, carried.position(pose.position, DVec3::X)),
+            (
+                skill.orientation.as_ref().unwrap(),
+                INERTIA.angular_kg_m2,
+                carried.rotation(pose.orientation, DVec3::Y),
+            ),
+        ];
+        let (mut joint, mut energy) = (Natural::<7>::zero(), 0.0);
+        for (k, (field, scale, mapped)) in blocks.into_iter().enumerate() {
+            let lifted = |v: DVec3, last: f64| Vector4::new(v.x, v.y, v.z, last);
+            let rate = lifted(mapped.velocity, phase.rate_1_s);
+            let value = field.evaluate(&lifted(mapped.point, phase.share), &rate);
+            let leaf = Natural { force: value.force(&rate) * scale, metric: value.metric * scale };
+            let mut rows = SMatrix::<f64, 4, 7>::zeros();
+            for i in 0..3 {
+                for j in 0..3 {
+                    rows[(i, 3 * k + j)] = mapped.jacobian.col(j)[i];
+                }
+            }
+            rows.set_column(6, &lifted(mapped.phase_derivative, 1.0));
+            joint.add_pullback(&leaf, &rows, &lifted(mapped.drift, 0.0));
+            energy += value.energy(&rate) * scale;
+        }
+        let both = joint.resolve().unwrap();
         let tool = value.natural.resolve().unwrap();
         assert!((both.fixed_rows::<6>(0) - tool).norm() < 1e-9 * (1.0 + tool.norm()));
         let acceleration = value.phase.free - value.phase.coupling.dot(&tool);
         assert!((both[6] - acceleration).abs() < 1e-9 * (1.0 + acceleration.abs()));
-        assert!((joint.energy - value.energy).abs() < 1e-12);
+        assert!((energy - value.energy).abs() < 1e-12);
     }
 
     #[test]

@@ -14,7 +14,7 @@
 //! is a [`FreeBall`](crate::avoidance::FreeBall).
 
 use glam::DVec3;
-use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector1};
+use nalgebra::{SMatrix, SVector, Vector1};
 
 use crate::avoidance::{Avoidance, AvoidanceState, Body, Nearness, vector};
 use crate::joint_leaves::{JointLimits, JointSpeedLimits, Posture};
@@ -124,8 +124,9 @@ impl<const N: usize> Tree<N> {
         }
         let self_clearance_min_m =
             self.self_collision.as_ref().map_or(f64::INFINITY, |leaf| leaf.add(body, &mut root));
-        let (free, factor) = solve(&root)?;
-        let conditioning = pivots(&factor);
+        let factor = root.factor()?;
+        let free = root.resolve_with(&factor)?;
+        let conditioning = factor.pivot_ratio();
         let mut nearness = Nearness { clearance_min_m: f64::INFINITY, pressing: 0.0 };
         let mut acceleration = free;
         if let Some(avoidance) = &self.avoidance {
@@ -135,7 +136,7 @@ impl<const N: usize> Tree<N> {
             nearness =
                 avoidance.add(body, obstacles, &free, &factor, task.energy, dt, &mut root, seen);
             if root.force != before || root.metric != metric {
-                (acceleration, _) = solve(&root)?;
+                acceleration = root.resolve()?;
             }
             let mut change = acceleration - free - state.added;
             if let Some(most) = &self.obstacle_jerk_max {
@@ -146,25 +147,6 @@ impl<const N: usize> Tree<N> {
         }
         Ok(Resolved { acceleration, nearness, self_clearance_min_m, conditioning })
     }
-}
-
-/// M⁻¹ f and the decomposition of M.
-fn solve<const N: usize>(
-    root: &Natural<N>,
-) -> Result<(SVector<f64, N>, Cholesky<f64, Const<N>>), ResolveError> {
-    let factor = Cholesky::new(root.metric).ok_or(ResolveError::MetricNotPositiveDefinite)?;
-    let acceleration = factor.solve(&root.force);
-    if !acceleration.iter().all(|a| a.is_finite()) {
-        return Err(ResolveError::ForceNotFinite);
-    }
-    Ok((acceleration, factor))
-}
-
-/// Least over largest pivot.
-fn pivots<const N: usize>(factor: &Cholesky<f64, Const<N>>) -> f64 {
-    let diagonal = factor.l_dirty().diagonal();
-    let ratio = diagonal.min() / diagonal.max();
-    ratio * ratio
 }
 
 impl SelfCollision {

@@ -2,7 +2,7 @@
 //! and an obstacle is in the way.
 
 use glam::{DQuat, DVec3};
-use nalgebra::{Cholesky, Const, Matrix6, SVector, Vector6};
+use nalgebra::{Cholesky, Matrix6, SVector, Vector6};
 use tprmp_model::skill_model::Manifold;
 use tprmp_rmpflow::avoidance::{Avoidance, AvoidanceState, FreeBall, Side, Steering};
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
@@ -168,7 +168,7 @@ fn avoid<const N: usize>(
         force: natural.force.fixed_rows::<N>(0).into_owned(),
         metric: natural.metric.fixed_view::<N, N>(0, 0).into_owned(),
     };
-    let Some(factor): Option<Cholesky<f64, Const<N>>> = Cholesky::new(root.metric) else { return };
+    let Ok(factor) = root.factor() else { return };
     let wanted = SVector::<f64, N>::from_fn(|i, _| free[i]);
     let obstacles = std::slice::from_ref(obstacle);
     avoidance.add(&ball, obstacles, &wanted, &factor, energy, step_s, &mut root, state);

@@ -202,8 +202,8 @@ fn carry(map: &FrameMap, displacement: &Displacement, gaussian: &Ellipsoid) -> E
     let y = Canonical { position: gaussian.mean, rotation: DVec3::ZERO };
     let phase = phase_of_time(gaussian.phase);
     let pose = map.forward(displacement, phase, &y);
-    let mapped = map.map(displacement, &pose, DVec3::ZERO, DVec3::ZERO, phase, 0.0);
-    let jacobian = mapped.position_jacobian.transpose();
+    let mapped = map.at(displacement, phase, 0.0).position(pose.position, DVec3::ZERO);
+    let jacobian = mapped.jacobian.transpose();
     Ellipsoid {
         mean: pose.position,
         covariance: jacobian * gaussian.covariance * jacobian.transpose(),
