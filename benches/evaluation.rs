@@ -20,6 +20,7 @@ use tprmp_bench::results::{self, Verdict};
 use tprmp_bench::timing::{Line, Times, measure};
 use tprmp_controller::policy::{Policy, Task, TaskParameters};
 use tprmp_controller::startup::{self, Loaded};
+use tprmp_model::controller_config::ControllerConfig;
 use tprmp_model::skill_model::{self, FieldModel, SkillModel};
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::leaves::Obstacle;
@@ -27,7 +28,8 @@ use tprmp_rmpflow::natural::Natural;
 use tprmp_rmpflow::policy::Policy as SkillPolicy;
 use tprmp_rmpflow::product_skill::ProductSkill;
 use tprmp_robot::{
-    Chain, ControlPoints, Kinematics, forward_kinematics_with_velocity, inverse_dynamics,
+    Chain, ControlPoint, ControlPoints, Kinematics, forward_kinematics,
+    forward_kinematics_with_velocity, inverse_dynamics, point_position,
 };
 
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
@@ -105,6 +107,22 @@ fn load<const N: usize>(controller: &str, model: &str) -> (Loaded, Chain<N>, Con
     (loaded, chain, points)
 }
 
+/// Twelve spheres along the UR5: link, centre in its frame \[m\], radius \[m\].
+const TWELVE: [(&str, [f64; 3], f64); 12] = [
+    ("shoulder_link", [0.0, 0.0, 0.09], 0.1),
+    ("upper_arm_link", [0.0, 0.0, 0.13], 0.1),
+    ("upper_arm_link", [-0.14, 0.0, 0.136], 0.1),
+    ("upper_arm_link", [-0.28, 0.0, 0.136], 0.1),
+    ("upper_arm_link", [-0.425, 0.0, 0.13], 0.1),
+    ("forearm_link", [-0.1, 0.0, 0.0165], 0.08),
+    ("forearm_link", [-0.21, 0.0, 0.0165], 0.08),
+    ("forearm_link", [-0.33, 0.0, 0.0165], 0.08),
+    ("wrist_1_link", [0.0, 0.0, 0.1], 0.075),
+    ("wrist_2_link", [0.0, 0.0, 0.085], 0.07),
+    ("wrist_3_link", [0.0, 0.0, 0.06], 0.045),
+    ("suction_tool", [0.0, 0.0, 0.06], 0.065),
+];
+
 /// A frame that moves and turns, `step` after it was first seen.
 fn moving(position: [f64; 3], yaw: f64, step: f64) -> FrameMotion {
     FrameMotion {
@@ -138,6 +156,27 @@ fn obstacles(count: usize) -> Vec<Obstacle> {
         DVec3::new(radius * angle.cos(), radius * angle.sin(), 0.15 + 0.06 * (i % 8) as f64)
     };
     (0..count).map(|i| Obstacle::sphere(place(i), 0.06, DVec3::Y * 0.1)).collect()
+}
+
+/// Pairs of a point and an obstacle that are within reach of the avoidance: what they ask for is computed,
+/// all others are passed over.
+fn near_pairs(
+    chain: &Chain<6>,
+    points: &ControlPoints,
+    config: &ControllerConfig,
+    obstacles: &[Obstacle],
+) -> usize {
+    let mut kinematics = Kinematics::new();
+    forward_kinematics(chain, &SVector::from(POSITION), &mut kinematics);
+    let avoidance = config.collision.as_ref().expect("the pick avoids obstacles").leaf();
+    let range = avoidance.steering.map_or(0.0, |steering| steering.range_m);
+    let reach = range.max(avoidance.leaf.activation_distance_m);
+    let is_near = |obstacle: &Obstacle, point: &ControlPoint| {
+        let place = point_position(&kinematics, point.joint, point.centre);
+        obstacle.distance(place, point.radius + avoidance.margin_m) < reach
+    };
+    let points = points.as_slice();
+    obstacles.iter().map(|o| points.iter().filter(|p| is_near(o, p)).count()).sum()
 }
 
 /// A tick of the policy; in every second one the frames are those of the second kind.
@@ -244,15 +283,26 @@ fn promised(report: &mut Report<'_>) {
     let (loaded, chain, points) = load::<6>("ur5_pick.ron", "pick.model.ron");
     let q = SVector::from(POSITION);
     let frames = both(pick_frames, 0.001);
-    let policy = Policy::new(chain.clone(), loaded.skill, &points, &loaded.config);
+    let policy = Policy::new(chain.clone(), loaded.skill.clone(), &points, &loaded.config);
     let settings = json!({ "components": 15, "frames": 2, "obstacles": 0, "joints": 6 });
     let name = "tick, default policy, both frames moving";
     report.row(name, [3.0, 1.0], &settings, tick(&policy, q, &frames, &[]));
     let crowd = obstacles(8);
-    let settings = json!({ "components": 15, "frames": 2, "obstacles": 8, "joints": 6,
-        "control_points": points.as_slice().len() });
-    let name = "tick, default policy, whole arm, 8 obstacles";
-    report.row(name, [12.0, 5.0], &settings, tick(&policy, q, &frames, &crowd));
+    let mut whole_arm = |points: &ControlPoints| {
+        let config = &loaded.config;
+        assert!(config.joint_limits.is_some() && config.self_collision.is_some(), "the whole arm");
+        let count = points.as_slice().len();
+        let near = near_pairs(&chain, points, config, &crowd);
+        let policy = Policy::new(chain.clone(), loaded.skill.clone(), points, config);
+        let settings = json!({ "components": 15, "frames": 2, "obstacles": 8, "joints": 6,
+            "control_points": count, "near_pairs": near });
+        let name = format!("tick, whole arm, {count} points × 8 obstacles, {near} near");
+        report.row(&name, [12.0, 5.0], &settings, tick(&policy, q, &frames, &crowd));
+    };
+    let twelve = TWELVE.map(|(link, at, radius)| (link.to_owned(), at.into(), radius));
+    whole_arm(&ControlPoints::listed(&chain, &twelve).expect("links of the UR5"));
+    // What the shipped configuration has: spheres that cover all collision shapes.
+    whole_arm(&points);
 
     let (loaded, ..) = load::<6>("ur5_pick.ron", "pick_thesis.model.ron");
     let policy = Policy::new(chain.clone(), loaded.skill, &points, &loaded.config);
@@ -301,7 +351,10 @@ fn growth(report: &mut Report<'_>) {
         let crowd = obstacles(count);
         (count, measure(tick(&whole, q, &frames, &crowd)))
     };
-    report.series("obstacles, default policy", [0, 4, 8, 16, 24, 32].map(crowded).into());
+    let counts = [0, 4, 8, 16, 24, 32];
+    report.series("obstacles, default policy", counts.map(crowded).into());
+    let near = counts.map(|count| near_pairs(&chain, &points, config, &obstacles(count)));
+    println!("    an obstacle costs what its near pairs do; pairs that are near: {near:?}");
 
     let (thesis, ..) = load::<6>("ur5_pick.ron", "pick_thesis.model.ron");
     let still = both(pick_frames, 0.0);

@@ -190,6 +190,8 @@ pub struct FrameMap {
     anchors: [Anchor; FRAME_CAPACITY],
     count: usize,
     goal: Pose,
+    /// The goal as seen from the frame that carries it.
+    grasp: Pose,
     positions_turn: bool,
 }
 
@@ -266,7 +268,8 @@ impl FrameMap {
         }
         let mut stored = [*last; FRAME_CAPACITY];
         stored[..count].copy_from_slice(anchors);
-        Ok(Self { anchors: stored, count, goal, positions_turn })
+        let grasp = last.frame.inverse().compose(&goal);
+        Ok(Self { anchors: stored, count, goal, grasp, positions_turn })
     }
 
     /// Its anchors in the order of their phases; the last one's frame carries the goal.
@@ -303,11 +306,11 @@ impl FrameMap {
     #[must_use]
     pub fn goal_among(&self, frames: &[FrameMotion]) -> Option<Pose> {
         let anchor = &self.anchors[self.count - 1];
-        let grasp = anchor.frame.inverse().compose(&self.goal);
-        Some(frames.get(anchor.index)?.pose.compose(&grasp))
+        Some(frames.get(anchor.index)?.pose.compose(&self.grasp))
     }
 
     /// Takes in where the frames are and how they move; `None` when there are too few.
+    #[inline]
     #[must_use]
     pub fn displace(&self, frames: &[FrameMotion]) -> Option<Displacement> {
         if frames.len() < self.frame_count() {

@@ -39,18 +39,23 @@ impl SpeedGovernor {
     /// it is.
     #[must_use]
     pub fn govern(&self, policy: &Natural<6>, velocity: &Vector6<f64>) -> Natural<6> {
-        let (linear, angular): (Vector3<f64>, Vector3<f64>) =
-            (policy.force.fixed_rows::<3>(0).into(), policy.force.fixed_rows::<3>(3).into());
-        let share = |most: f64, rows: usize, force: &Vector3<f64>| {
-            let block: Matrix3<f64> = policy.metric.fixed_view::<3, 3>(rows, rows).into();
-            let damped = block + Matrix3::identity() * (METRIC_DAMPING * block.trace() + 1e-12);
+        let share = |most: f64, first: usize| {
+            let block = policy.metric.fixed_view::<3, 3>(first, first);
+            let trace = block[(0, 0)] + block[(1, 1)] + block[(2, 2)];
+            if trace == 0.0 {
+                // Without inertia it asks for nothing.
+                return 1.0;
+            }
+            let damping = METRIC_DAMPING * trace + 1e-12;
+            let damped =
+                Matrix3::from_fn(|i, j| block[(i, j)] + if i == j { damping } else { 0.0 });
             let Some(factor) = Factor::new(&damped) else { return 1.0 };
-            let v: Vector3<f64> = velocity.fixed_rows::<3>(rows).into();
-            let wanted = (v + factor.solve(force) / self.response_1_s).norm();
-            if wanted > most { most / wanted } else { 1.0 }
+            let part = |v: &Vector6<f64>| Vector3::new(v[first], v[first + 1], v[first + 2]);
+            let wanted = part(velocity) + factor.solve(&part(&policy.force)) / self.response_1_s;
+            let squared = wanted.norm_squared();
+            if squared > most * most { most / squared.sqrt() } else { 1.0 }
         };
-        let s =
-            share(self.linear_max_m_s, 0, &linear).min(share(self.angular_max_rad_s, 3, &angular));
+        let s = share(self.linear_max_m_s, 0).min(share(self.angular_max_rad_s, 3));
         if s >= 1.0 {
             return *policy;
         }

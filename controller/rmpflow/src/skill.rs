@@ -216,6 +216,7 @@ impl Skill {
     }
 
     /// Takes in where the frames are and how they move; `None` when there are too few.
+    #[inline]
     #[must_use]
     pub fn displace(&self, frames: &[FrameMotion]) -> Option<Displacement> {
         self.map.displace(frames)
