@@ -171,9 +171,11 @@ impl<const N: usize> Body<N> for Links<'_, N> {
 
     /// Known of the points that move with the tool.
     fn at_goal(&self, i: usize) -> Option<DVec3> {
-        let with_tool = self.policy.points[i].point.joint + 1 == N;
+        if self.policy.points[i].point.joint + 1 != N {
+            return None;
+        }
         let from_tool = self.tool.orientation.conjugate() * (self.ball(i).0 - self.tool.position);
-        with_tool.then(|| self.tool_goal.position + self.tool_goal.orientation * from_tool)
+        Some(self.tool_goal.position + self.tool_goal.orientation * from_tool)
     }
 }
 

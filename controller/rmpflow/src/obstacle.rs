@@ -145,13 +145,25 @@ impl Obstacle {
     #[must_use]
     #[inline]
     pub fn distance(&self, point: DVec3, radius: f64) -> f64 {
-        let arm = point - self.position;
-        // A ball looks the same from all sides.
-        let seen = match self.shape {
-            Shape::Sphere { .. } => arm,
-            _ => self.orientation.conjugate() * arm,
-        };
-        self.shape.distance(seen).distance - radius
+        self.shape.distance(self.to_own(point - self.position)).distance - radius
+    }
+
+    /// A vector in the world, in the obstacle's axes. A ball has none: it looks the same from all sides.
+    #[inline]
+    fn to_own(&self, vector: DVec3) -> DVec3 {
+        match self.shape {
+            Shape::Sphere { .. } => vector,
+            _ => self.orientation.conjugate() * vector,
+        }
+    }
+
+    /// A vector in the obstacle's axes, in the world.
+    #[inline]
+    fn to_world(&self, vector: DVec3) -> DVec3 {
+        match self.shape {
+            Shape::Sphere { .. } => vector,
+            _ => self.orientation * vector,
+        }
     }
 
     /// Clearance of a ball of `radius` at `point`, moving with `velocity`.
@@ -164,13 +176,12 @@ impl Obstacle {
     #[must_use]
     pub fn clearance(&self, point: DVec3, velocity: DVec3, radius: f64) -> Clearance {
         let arm = point - self.position;
-        let to_own = self.orientation.conjugate();
-        let d = self.shape.distance(to_own * arm);
-        let normal = self.orientation * d.normal;
+        let d = self.shape.distance(self.to_own(arm));
+        let normal = self.to_world(d.normal);
         let spin = self.angular_velocity;
         let relative = velocity - self.velocity_at(point);
         let rate = normal.dot(relative);
-        let own = to_own * relative;
+        let own = self.to_own(relative);
         let bend = ((own * d.curved).length_squared() - rate * rate) / d.reach;
         let turning = normal.dot(2.0 * spin.cross(relative) + spin.cross(spin.cross(arm)));
         Clearance {
