@@ -145,12 +145,12 @@ impl Obstacle {
     #[must_use]
     #[inline]
     pub fn distance(&self, point: DVec3, radius: f64) -> f64 {
-        self.shape.distance(self.to_own(point - self.position)).distance - radius
+        self.shape.distance(self.in_own_axes(point - self.position)).distance - radius
     }
 
     /// A vector in the world, in the obstacle's axes. A ball has none: it looks the same from all sides.
     #[inline]
-    fn to_own(&self, vector: DVec3) -> DVec3 {
+    fn in_own_axes(&self, vector: DVec3) -> DVec3 {
         match self.shape {
             Shape::Sphere { .. } => vector,
             _ => self.orientation.conjugate() * vector,
@@ -159,7 +159,7 @@ impl Obstacle {
 
     /// A vector in the obstacle's axes, in the world.
     #[inline]
-    fn to_world(&self, vector: DVec3) -> DVec3 {
+    fn in_world(&self, vector: DVec3) -> DVec3 {
         match self.shape {
             Shape::Sphere { .. } => vector,
             _ => self.orientation * vector,
@@ -176,12 +176,12 @@ impl Obstacle {
     #[must_use]
     pub fn clearance(&self, point: DVec3, velocity: DVec3, radius: f64) -> Clearance {
         let arm = point - self.position;
-        let d = self.shape.distance(self.to_own(arm));
-        let normal = self.to_world(d.normal);
+        let d = self.shape.distance(self.in_own_axes(arm));
+        let normal = self.in_world(d.normal);
         let spin = self.angular_velocity;
         let relative = velocity - self.velocity_at(point);
         let rate = normal.dot(relative);
-        let own = self.to_own(relative);
+        let own = self.in_own_axes(relative);
         let bend = ((own * d.curved).length_squared() - rate * rate) / d.reach;
         let turning = normal.dot(2.0 * spin.cross(relative) + spin.cross(spin.cross(arm)));
         Clearance {
