@@ -3,6 +3,7 @@
 # make test          set everything up and pass all tests
 # make bench         measure evaluation, training, latency and deadlines (FULL=1: 10⁵ cycles a row, hours)
 # make experiments   the experiments of the thesis and harder ones, a report (QUICK=1: a short look; DATASET=folder)
+# make experiments-arm   the whole arm in simulation: pushes, obstacles, another arm, false goals (QUICK=1: a short look)
 # make soak          run a controller for MINUTES=10 beside a simulator that is killed and started again
 # make lint          formatting and static checks
 SHELL := /bin/bash
@@ -18,7 +19,7 @@ BIN := target/release
 VENV := target/venv
 BRIDGE := $(VENV)/bin/sim-bridge
 
-.PHONY: help demo demo-planar test bench experiments soak lint build venv seed clean
+.PHONY: help demo demo-planar test bench experiments experiments-arm robots soak lint build venv seed clean
 
 help:
 	@sed -n '/^# make/s/^# //p' Makefile
@@ -107,6 +108,15 @@ soak: seed build
 
 experiments: seed build
 	$(BIN)/learner experiments --seed $(SEED) $(if $(QUICK),--quick) $(if $(DATASET),--dataset '$(DATASET)')
+
+# Arms of pybullet's own data package, with the suction tool fitted.
+robots: venv
+	@$(BRIDGE) fit config/robots/panda_suction.json --out target/robots/panda_suction.urdf
+
+experiments-arm: robots build
+	@mkdir -p target/experiments
+	@$(BIN)/learner train config/skills/pick.ron --out target/experiments/pick.model.ron > /dev/null
+	$(BRIDGE) experiments --model target/experiments/pick.model.ron $(if $(QUICK),--quick)
 
 lint: venv
 	@echo '== lint'

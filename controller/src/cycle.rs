@@ -366,6 +366,7 @@ impl<const N: usize> Cycle<N> {
         if jumps(&before, &joints, elapsed_s, self.policy.chain()) {
             return Err(Reason::StateUnbelievable);
         }
+        self.motion.observe(&joints, state.time_ns);
         Ok(joints)
     }
 

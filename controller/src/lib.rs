@@ -7,6 +7,7 @@
 pub mod allocation;
 pub mod check;
 pub mod cycle;
+pub mod disturbance;
 pub mod inputs;
 pub mod limits;
 pub mod monitor;

@@ -7,6 +7,7 @@ use tprmp_messages::Reason;
 use tprmp_model::controller_config::{ControllerConfig, Impedance, Stop};
 use tprmp_robot::Chain;
 
+use crate::disturbance::DisturbanceObserver;
 use crate::inputs::JointState;
 use crate::limits::JointLimits;
 use crate::tracking::{Reference, Torques, braking, torques};
@@ -42,6 +43,7 @@ pub struct Motion<const N: usize> {
     /// Whether the arm was out of sight: it may be elsewhere than the reference.
     lost: bool,
     fade_s: f64,
+    disturbance: Option<DisturbanceObserver<N>>,
 }
 
 impl<const N: usize> Motion<N> {
@@ -57,6 +59,15 @@ impl<const N: usize> Motion<N> {
             holding: true,
             lost: true,
             fade_s: 0.0,
+            disturbance: config.disturbance.map(DisturbanceObserver::new),
+        }
+    }
+
+    /// Takes in a measured state and its time \[ns\], before [`Motion::follow`] or [`Motion::brake`];
+    /// the same one again changes nothing.
+    pub fn observe(&mut self, state: &JointState<N>, time_ns: u64) {
+        if let Some(disturbance) = &mut self.disturbance {
+            disturbance.observe(&state.velocity, time_ns);
         }
     }
 
@@ -113,7 +124,7 @@ impl<const N: usize> Motion<N> {
         let acceleration =
             self.limits.acceleration(&faded, &reference.position, &reference.velocity, dt);
         reference.integrate(&acceleration, dt);
-        let setpoint = self.setpoint(chain, state, &reference, &acceleration)?;
+        let setpoint = self.setpoint(chain, state, &reference, &acceleration, dt)?;
         reference.follow(state, &self.limits, self.impedance.reference_time_constant_s, dt);
         self.reference = Some(reference);
         Ok(setpoint)
@@ -129,6 +140,9 @@ impl<const N: usize> Motion<N> {
         dt: f64,
     ) -> Option<Setpoint<N>> {
         self.holding = true;
+        if let (None, Some(disturbance)) = (&measured, &mut self.disturbance) {
+            disturbance.forget();
+        }
         let seen_again = self.lost.then_some(measured).flatten();
         self.lost = measured.is_none();
         let mut reference = match seen_again {
@@ -145,7 +159,7 @@ impl<const N: usize> Motion<N> {
             return None;
         }
         let blind = JointState { position: reference.position, velocity: reference.velocity };
-        self.setpoint(chain, &measured.unwrap_or(blind), &reference, &acceleration).ok()
+        self.setpoint(chain, &measured.unwrap_or(blind), &reference, &acceleration, dt).ok()
     }
 
     /// Whether the reference is at rest.
@@ -162,12 +176,17 @@ impl<const N: usize> Motion<N> {
 
     /// The torques, and the limits as the last thing. Nothing that is not finite gets out.
     fn setpoint(
-        &self,
+        &mut self,
         chain: &Chain<N>,
         state: &JointState<N>,
         reference: &Reference<N>,
         acceleration: &SVector<f64, N>,
+        dt: f64,
     ) -> Result<Setpoint<N>, Reason> {
+        let compensation = self.disturbance.as_ref().map_or(SVector::zeros(), |disturbance| {
+            let most = &self.limits.velocity_max;
+            disturbance.compensation(&state.velocity, &reference.velocity, most)
+        });
         let torques = torques(
             chain,
             &self.limits,
@@ -176,7 +195,11 @@ impl<const N: usize> Motion<N> {
             state,
             reference,
             acceleration,
+            &compensation,
         );
+        if let Some(disturbance) = &mut self.disturbance {
+            disturbance.asked(&torques.wanted, torques.saturated, dt);
+        }
         let setpoint = Setpoint {
             position: self.limits.position(&reference.position),
             velocity: reference.velocity,

@@ -39,7 +39,8 @@ pub struct Policy<const N: usize> {
 #[derive(Debug)]
 struct AvoidingPoint {
     point: ControlPoint,
-    exempt: Vec<ExemptObstacle>,
+    /// Clearances from which on it keeps clear of kinds of obstacles \[m\].
+    exempt: Vec<(ExemptObstacle, f64)>,
 }
 
 /// The control points of a link, and a ball around them.
@@ -159,14 +160,18 @@ impl<const N: usize> Body<N> for Links<'_, N> {
         })
     }
 
-    fn avoids(&self, i: usize, shape: &Shape) -> bool {
+    fn acts_within(&self, i: usize, shape: &Shape) -> f64 {
         let kind = match shape {
             Shape::Sphere { .. } => ExemptObstacle::Sphere,
             Shape::Capsule { .. } => ExemptObstacle::Capsule,
             Shape::Box { .. } => ExemptObstacle::Box,
             Shape::HalfSpace => ExemptObstacle::HalfSpace,
         };
-        !self.policy.points[i].exempt.contains(&kind)
+        let exempt = self.policy.points[i].exempt.iter();
+        exempt
+            .filter(|(of, _)| *of == kind)
+            .map(|(_, within)| *within)
+            .fold(f64::INFINITY, f64::min)
     }
 
     /// Known of the points that move with the tool.
@@ -249,9 +254,11 @@ impl<const N: usize> Policy<N> {
             let link = &chain.moving_links()[point.link].0;
             let exempt = config.collision.iter().flat_map(|collision| &collision.exempt);
             let of_link = |e: &&Exemption| e.link == *link;
+            let from_axis = point.centre.x.hypot(point.centre.y);
+            let within = |e: &Exemption| e.extent.acts_within(from_axis).map(|w| (e.obstacle, w));
             AvoidingPoint {
                 point: *point,
-                exempt: exempt.filter(of_link).map(|e| e.obstacle).collect(),
+                exempt: exempt.filter(of_link).filter_map(within).collect(),
             }
         });
         let points =

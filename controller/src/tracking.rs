@@ -78,13 +78,20 @@ pub struct Torques<const N: usize> {
     pub motion: SVector<f64, N>,
     /// What holds the arm against gravity \[N m or N\].
     pub gravity: SVector<f64, N>,
+    /// Accelerations that they are to cause \[rad/s² or m/s²\].
+    pub wanted: SVector<f64, N>,
+    /// Whether the limits cut them.
+    pub saturated: bool,
 }
 
 /// Inverse dynamics with an impedance around the reference:
-/// τ = M(q) (q̈_c + D (q̇_c − q̇) + K (q_c − q)) + h(q, q̇), gravity apart, the sum within the limits.
+/// τ = M(q) (q̈_c + D (q̇_c − q̇) + K (q_c − q) + c) + h(q, q̇), gravity apart, the sum within the limits.
+///
+/// * `compensation`  c, what resists a push \[rad/s² or m/s²\]
 ///
 /// Hot path: no allocation.
 #[must_use]
+#[expect(clippy::too_many_arguments, reason = "what a command consists of")]
 pub fn torques<const N: usize>(
     chain: &Chain<N>,
     limits: &JointLimits<N>,
@@ -93,15 +100,17 @@ pub fn torques<const N: usize>(
     state: &JointState<N>,
     reference: &Reference<N>,
     acceleration: &SVector<f64, N>,
+    compensation: &SVector<f64, N>,
 ) -> Torques<N> {
     let feedback = (reference.velocity - state.velocity) * impedance.damping_1_s
         + (reference.position - state.position) * impedance.stiffness_1_s2;
     // A reference far from the arm pulls no harder than the arm may accelerate.
     let bounded = feedback.zip_map(&limits.acceleration_max, |f, most| f.clamp(-most, most));
-    let wanted = acceleration + bounded;
+    let wanted = acceleration + bounded + compensation;
     let total = inverse_dynamics(chain, &state.position, &state.velocity, &wanted, gravity_m_s2);
     let gravity = limits.effort(&gravity_torques(chain, &state.position, gravity_m_s2));
-    Torques { motion: limits.effort(&total) - gravity, gravity }
+    let permitted = limits.effort(&total);
+    Torques { motion: permitted - gravity, gravity, wanted, saturated: permitted != total }
 }
 
 #[cfg(test)]

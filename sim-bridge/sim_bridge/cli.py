@@ -93,6 +93,48 @@ def _parser() -> argparse.ArgumentParser:
         "2: bad input.",
     )
     report.add_argument("folder", type=Path, metavar="DIR", help="the folder given to run as --out")
+
+    fit = commands.add_parser(
+        "fit",
+        help="fit a tool to an arm of pybullet's data package",
+        description="Writes the description of an arm that pybullet's data package brings, with a "
+        "tool of another description on its flange.",
+    )
+    fit.add_argument("file", type=Path, help="e.g. config/robots/panda_suction.json")
+    fit.add_argument("--out", type=Path, required=True, help="URDF to be written")
+
+    experiments = commands.add_parser(
+        "experiments",
+        help="run the experiments of the whole arm",
+        description="Runs seeded episodes in lockstep, each with a controller of its own, on all "
+        "cores: picks with a moving ball and pushes, the same on another arm, goals where none "
+        "should be, starts near singularities. Writes arm.json and arm.html. Exit code 0: all "
+        "that must hold does; 1: it does not; 2: bad input.",
+    )
+    experiments.add_argument("--model", type=Path, required=True, help="what the learner wrote")
+    experiments.add_argument(
+        "--controller",
+        type=Path,
+        default=Path("target/release/controller"),
+        help="the program (default: %(default)s)",
+    )
+    experiments.add_argument(
+        "--config", type=Path, default=Path("config"), help="folder (default: %(default)s)"
+    )
+    experiments.add_argument(
+        "--out",
+        type=Path,
+        default=Path("target/experiments"),
+        help="folder for the results (default: %(default)s)",
+    )
+    experiments.add_argument("--quick", action="store_true", help="a short look")
+    experiments.add_argument(
+        "--seed", type=int, default=0, help="first seed of each experiment (default: %(default)s)"
+    )
+    experiments.add_argument(
+        "--only", action="append", default=[], metavar="NAME", help="only this one; may be repeated"
+    )
+    experiments.add_argument("--workers", type=int, help="episodes at once (default: one a core)")
     return parser
 
 
@@ -133,6 +175,15 @@ def _dispatch(parsed: argparse.Namespace) -> int:
 
         return report(parsed.folder)
 
+    if parsed.command == "fit":
+        from sim_bridge.fit import fit
+
+        fit(parsed.file, parsed.out)
+        return 0
+
+    if parsed.command == "experiments":
+        return _experiments(parsed)
+
     from sim_bridge.scene import load_scene
 
     scene = load_scene(parsed.scene)
@@ -161,4 +212,37 @@ def _dispatch(parsed: argparse.Namespace) -> int:
             priority=parsed.priority,
             record_commands=parsed.record_commands,
         ),
+    )
+
+
+def _experiments(parsed: argparse.Namespace) -> int:
+    from sim_bridge.errors import BridgeError
+    from sim_bridge.experiments.runner import (
+        EXPERIMENTS,
+        Settings,
+        experiments,
+        workers_of_this_machine,
+    )
+
+    names = [experiment.name for experiment in EXPERIMENTS]
+    for name in parsed.only:
+        if name not in names:
+            raise BridgeError(f"--only: expected one of {', '.join(names)}, found `{name}`")
+    workers = workers_of_this_machine() if parsed.workers is None else parsed.workers
+    for option, value, least in (("--seed", parsed.seed, 0), ("--workers", workers, 1)):
+        if value < least:
+            raise BridgeError(
+                f"{option}: expected a whole number of {least} or more, found {value}"
+            )
+    return experiments(
+        Settings(
+            config=parsed.config,
+            controller=parsed.controller,
+            model=parsed.model,
+            out=parsed.out,
+            first_seed=parsed.seed,
+            quick=parsed.quick,
+            only=tuple(parsed.only),
+            workers=workers,
+        )
     )

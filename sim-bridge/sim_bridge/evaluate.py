@@ -32,7 +32,7 @@ def evaluate(scene: Scene, world: World, log: Log, grasp: Array) -> dict[str, ob
     * `position_limit_used`, `velocity_limit_used`, `torque_limit_used`  largest fraction of a
       joint's limit
     """
-    result: dict[str, object] = {"success": False, **_grip(scene, log, grasp)}
+    result: dict[str, object] = {"success": False, **grip(scene, log, grasp)}
     result.update(_clearances(world, log))
     touched = bool(np.any(log["contact_sphere"])) or (result["clearance_sphere_m"] or 1.0) <= 0.0
     result["sphere_touched"] = touched
@@ -46,7 +46,8 @@ def evaluate(scene: Scene, world: World, log: Log, grasp: Array) -> dict[str, ob
     return result
 
 
-def _grip(scene: Scene, log: Log, grasp: Array) -> dict[str, object]:
+def grip(scene: Scene, log: Log, grasp: Array) -> dict[str, object]:
+    """What came of the grip and the lift; keys as in `evaluate`."""
     holding = log["gripper_state"] == GripperState.HOLDING
     if not np.any(holding):
         return {

@@ -113,10 +113,11 @@ def forward(chain: Chain, q: Array) -> Array:
 
     `q` [rad] may have leading dimensions: then so has the result.
     """
-    return _poses(chain, np.asarray(q, dtype=float))[-1]
+    return segment_poses(chain, np.asarray(q, dtype=float))[-1]
 
 
-def _poses(chain: Chain, q: Array) -> list[Array]:
+def segment_poses(chain: Chain, q: Array) -> list[Array]:
+    """Poses in the root link's frame of every link of the chain behind the root, for `q` [rad]."""
     x = np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))
     poses = []
     index = 0
@@ -137,7 +138,7 @@ def _poses(chain: Chain, q: Array) -> list[Array]:
 
 def jacobian(chain: Chain, q: Array) -> Array:
     """6xN: velocity of the tip's origin [m/s] over angular velocity [rad/s], both in B."""
-    poses = _poses(chain, np.asarray(q, dtype=float))
+    poses = segment_poses(chain, np.asarray(q, dtype=float))
     p_tip = poses[-1][:3, 3]
     columns = []
     for segment, x in zip(chain.segments, poses):

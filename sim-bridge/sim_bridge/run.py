@@ -99,7 +99,7 @@ class Options:
     record_commands: Path | None
 
 
-class _Publication:
+class Publication:
     """The messages, allocated once and filled at every step."""
 
     def __init__(self, world: World, start_frame: str, goal_frame: str) -> None:
@@ -168,13 +168,13 @@ def obeyed(command: JointCommand, joint_count: int, sequence: int, now_ns: int) 
     )
 
 
-class _Run:
+class Run:
     """One run: the loop's state, and one method a phase."""
 
     def __init__(self, scene: Scene, options: Options, world: World) -> None:
         self.scene, self.options, self.world = scene, options, world
         self.dt_ns = round(1e9 / scene.physics.rate_hz)
-        self.publication = _Publication(world, scene.task.start_frame, scene.task.goal_frame)
+        self.publication = self.publish_from(world)
         self.command = JointCommand()
         self.status = ControllerStatus()
         self.life_cycle = -1
@@ -187,6 +187,10 @@ class _Run:
         self.seal_height_m = math.nan
         self.held_s = 0.0
         self.braked_s = 0.0
+
+    def publish_from(self, world: World) -> Publication:
+        """What tells a controller about this world."""
+        return Publication(world, self.scene.task.start_frame, self.scene.task.goal_frame)
 
     # The step.
 
@@ -422,7 +426,7 @@ def run(scene: Scene, options: Options) -> int:
     world = World(scene, episode)
     try:
         check_start(world)
-        this = _Run(scene, options, world)
+        this = Run(scene, options, world)
         with (
             StopSignal() as stop,
             StatePublisherPorts(Instance(options.instance)) as ports,
@@ -479,7 +483,7 @@ def _priority(options: Options) -> Iterator[str]:
         os.sched_setscheduler(0, *before)
 
 
-def _finish(this: _Run, outcome: Outcome, grasp: Array) -> int:
+def _finish(this: Run, outcome: Outcome, grasp: Array) -> int:
     scene, options, world, timing = this.scene, this.options, this.world, this.timing
     timing.simulated_s = world.time_s
     timing.real_time_factor = world.time_s / timing.wall_s if timing.wall_s > 0.0 else 0.0

@@ -12,7 +12,7 @@ from sim_bridge.errors import BridgeError
 from sim_bridge.evaluate import distant_pairs, evaluate
 from sim_bridge.log import LogWriter
 from sim_bridge.messages import CommandMode, JointCommand, RobotState
-from sim_bridge.run import Options, Outcome, _Run, check_start
+from sim_bridge.run import Options, Outcome, Run, check_start
 from sim_bridge.scene import draw_episode
 from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
 from sim_bridge.world import World
@@ -70,7 +70,7 @@ def play(scene, name, tmp_path, lockstep, steps, life_ns=10**9):
     """Runs `steps` steps; gives the outcome, the run and its log."""
     world, theirs = World(scene, draw_episode(scene, 0)), World(scene, draw_episode(scene, 0))
     options = Options(0, tmp_path, name, lockstep, 10.0, 0, None)
-    this = _Run(scene, options, world)
+    this = Run(scene, options, world)
     instance = Instance(name)
     controller = Answering(instance, theirs, life_ns)
     with StatePublisherPorts(instance) as ports:

@@ -12,7 +12,7 @@ use tprmp_robot::Selection;
 mod leaves;
 
 pub use leaves::{
-    Approach, Avoidance, Collision, ExemptObstacle, Exemption, Governor, JointDampingLeaf,
+    Approach, Avoidance, Collision, ExemptObstacle, Exemption, Extent, Governor, JointDampingLeaf,
     JointLimitLeaf, JointSpeedLeaf, Lift, PostureLeaf, SelfCollision, SkillLeaf, Steering,
     SteeringSide,
 };
@@ -149,6 +149,19 @@ pub struct Impedance {
     pub reference_time_constant_s: f64,
 }
 
+/// How fast a push may move the joints. A joint that is disturbed resists once the push would drive it
+/// beyond this speed; up to there the impedance gives way.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Disturbance {
+    /// Share of the permitted speed that a push may cause.
+    pub speed_share: f64,
+    /// How far the disturbance is thought to go on \[s\].
+    pub horizon_s: f64,
+    /// Time constant of the observer, about the time from a command to the state that shows it \[s\].
+    pub time_constant_s: f64,
+}
+
 /// How the arm stops and starts.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -248,6 +261,8 @@ pub struct ControllerConfig {
     pub done: Done,
     /// Tracking.
     pub impedance: Impedance,
+    /// Resistance to pushes; `None` leaves them to the impedance alone.
+    pub disturbance: Option<Disturbance>,
     /// Stops and starts.
     pub stop: Stop,
     /// Real-time set-up.
@@ -475,6 +490,20 @@ impl ControllerConfig {
             check.avoidance("collision.avoidance", &collision.avoidance);
             check.not_negative("collision.margin_m", collision.margin_m);
             check.positive("collision.onset_s", collision.onset_s);
+            for exemption in &collision.exempt {
+                match exemption.extent {
+                    Extent::Whole => {}
+                    Extent::NearAxis(distance) => {
+                        check.positive("collision.exempt, NearAxis", distance);
+                    }
+                    Extent::Above(clearance) => {
+                        if clearance.is_nan() || clearance <= collision.avoidance.clearance_min_m {
+                            let expected = "more than collision.avoidance.clearance_min_m";
+                            check.fail("collision.exempt, Above", expected, &clearance);
+                        }
+                    }
+                }
+            }
             if let Some(steering) = &collision.steering {
                 check.positive("collision.steering.range_m", steering.range_m);
                 check.not_negative("collision.steering.gain", steering.gain);
@@ -521,6 +550,11 @@ impl ControllerConfig {
             "impedance.reference_time_constant_s",
             self.impedance.reference_time_constant_s,
         );
+        if let Some(disturbance) = &self.disturbance {
+            check.share("disturbance.speed_share", disturbance.speed_share);
+            check.positive("disturbance.horizon_s", disturbance.horizon_s);
+            check.positive("disturbance.time_constant_s", disturbance.time_constant_s);
+        }
         check.share("stop.deceleration_share", self.stop.deceleration_share);
         check.positive("stop.duration_max_s", self.stop.duration_max_s);
         check.positive("stop.fade_in_s", self.stop.fade_in_s);
@@ -615,6 +649,8 @@ mod tests {
             ),
             ("Space((0.0, 0.0, 1.0))", "Space((0.0, 0.0, 0.0))", "collision.steering.side"),
             ("onset_s: 0.02", "onset_s: -1.0", "collision.onset_s"),
+            ("extent: NearAxis(0.15)", "extent: NearAxis(-0.15)", "collision.exempt, NearAxis"),
+            ("extent: Above(0.015)", "extent: Above(0.005)", "collision.exempt, Above"),
             ("margin_m: 0.0,", "margin_m: -0.005,", "self_collision.margin_m"),
         ];
         for (from, to, key) in refused {

@@ -111,8 +111,9 @@ pub trait Body<const N: usize> {
     fn ball(&self, i: usize) -> (DVec3, f64);
     /// Motion of point `i`.
     fn motion(&self, i: usize) -> PointMotion<N>;
-    /// Whether point `i` keeps clear of an obstacle of this shape.
-    fn avoids(&self, i: usize, shape: &Shape) -> bool;
+    /// Clearance within which point `i` keeps clear of an obstacle of this shape, where that is less
+    /// than the leaf's; 0 where it does not \[m\].
+    fn acts_within(&self, i: usize, shape: &Shape) -> f64;
     /// Where point `i` is once the task is done, as far as that is known \[m\].
     fn at_goal(&self, i: usize) -> Option<DVec3>;
 }
@@ -148,8 +149,8 @@ impl<const N: usize> Body<N> for FreeBall {
         }
     }
 
-    fn avoids(&self, _: usize, _: &Shape) -> bool {
-        true
+    fn acts_within(&self, _: usize, _: &Shape) -> f64 {
+        f64::INFINITY
     }
 
     fn at_goal(&self, _: usize) -> Option<DVec3> {
@@ -262,12 +263,13 @@ impl Avoidance {
                 }
                 for i in part.points {
                     let (position, radius) = body.ball(i);
-                    if !body.avoids(i, &obstacle.shape) {
+                    let within = body.acts_within(i, &obstacle.shape);
+                    if within <= 0.0 {
                         continue;
                     }
                     let distance = obstacle.distance(position, radius + self.margin_m);
                     seen.clearance_min_m = seen.clearance_min_m.min(distance);
-                    if distance >= reach {
+                    if distance >= reach.min(within) {
                         continue;
                     }
                     let motion = body.motion(i);
@@ -276,7 +278,9 @@ impl Avoidance {
                         motion.velocity,
                         radius + self.margin_m,
                     );
-                    add_clearance(&self.leaf, &clearance, &motion, root);
+                    let activation_distance_m = self.leaf.activation_distance_m.min(within);
+                    let leaf = CollisionAvoidance { activation_distance_m, ..self.leaf };
+                    add_clearance(&leaf, &clearance, &motion, root);
                     let Some(steering) = self.steering.filter(|s| distance < s.range_m) else {
                         continue;
                     };
@@ -328,7 +332,7 @@ impl Avoidance {
     /// 0 where the obstacle covers the goal, 1 where the goal is well clear of it.
     fn goal_share<const N: usize>(&self, body: &impl Body<N>, obstacle: &Obstacle) -> f64 {
         let clearance = |i: usize| {
-            let goal = body.at_goal(i).filter(|_| body.avoids(i, &obstacle.shape))?;
+            let goal = body.at_goal(i).filter(|_| body.acts_within(i, &obstacle.shape) > 0.0)?;
             Some(obstacle.distance(goal, body.ball(i).1 + self.margin_m))
         };
         let least = (0..body.count()).filter_map(clearance).fold(f64::INFINITY, f64::min);

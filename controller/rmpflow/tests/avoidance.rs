@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
-use tprmp_rmpflow::avoidance::{Avoidance, FreeBall, Side, Steering};
+use tprmp_rmpflow::avoidance::{Avoidance, Body, FreeBall, PointMotion, Side, Steering};
 use tprmp_rmpflow::leaves::{CollisionAvoidance, JointDamping};
 use tprmp_rmpflow::natural::Natural;
 use tprmp_rmpflow::obstacle::{Obstacle, Shape};
@@ -227,4 +227,51 @@ proptest! {
         prop_assert!(result.goal_error < 1e-2, "{}", result.goal_error);
         prop_assert!(result.acceleration_max < 60.0, "{}", result.acceleration_max);
     }
+}
+
+/// A ball that may come nearer to half-spaces than to anything else.
+struct Reaching(FreeBall, f64);
+
+impl Body<3> for Reaching {
+    fn count(&self) -> usize {
+        1
+    }
+
+    fn ball(&self, i: usize) -> (DVec3, f64) {
+        Body::<3>::ball(&self.0, i)
+    }
+
+    fn motion(&self, i: usize) -> PointMotion<3> {
+        self.0.motion(i)
+    }
+
+    fn acts_within(&self, _: usize, shape: &Shape) -> f64 {
+        if *shape == Shape::HalfSpace { self.1 } else { f64::INFINITY }
+    }
+
+    fn at_goal(&self, i: usize) -> Option<DVec3> {
+        Body::<3>::at_goal(&self.0, i)
+    }
+}
+
+#[test]
+fn a_point_that_may_come_near_feels_nothing_above_and_stops_below() {
+    let tree = tree::<3>(Side::Space(DVec3::X));
+    let floor = [Obstacle::half_space(DVec3::ZERO, DVec3::Z, DVec3::ZERO)];
+    let acceleration = |within: f64, height: f64| {
+        let position = DVec3::Z * height;
+        let ball = FreeBall { position, velocity: -DVec3::Z, radius: 0.02, goal: -DVec3::Z };
+        let natural = Natural { force: SVector::zeros(), metric: SMatrix::identity() };
+        let (q, qd) = (SVector::from(position.to_array()), SVector::from([0.0, 0.0, -1.0]));
+        let body = Reaching(ball, within);
+        let mut state = TreeState::default();
+        let task = Task { natural, energy: 1.0 };
+        let resolved = tree.evaluate(&task, &q, &qd, &body, &floor, 1.0, &mut state).unwrap();
+        resolved.acceleration[2]
+    };
+    // 3 cm of radius and margin: at 20 cm it is 17 cm from the floor.
+    assert!(acceleration(f64::INFINITY, 0.2) > 0.1);
+    assert_eq!(acceleration(0.1, 0.2), 0.0);
+    assert!(acceleration(0.1, 0.05) > 10.0);
+    assert_eq!(acceleration(0.0, 0.05), 0.0);
 }

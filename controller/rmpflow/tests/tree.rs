@@ -71,8 +71,8 @@ impl Body<3> for Arm {
         motion
     }
 
-    fn avoids(&self, _: usize, _: &Shape) -> bool {
-        true
+    fn acts_within(&self, _: usize, _: &Shape) -> f64 {
+        f64::INFINITY
     }
 
     fn at_goal(&self, _: usize) -> Option<DVec3> {
@@ -109,8 +109,8 @@ impl Body<3> for Links<'_> {
         self.0.motion(i)
     }
 
-    fn avoids(&self, i: usize, shape: &Shape) -> bool {
-        self.0.avoids(i, shape)
+    fn acts_within(&self, i: usize, shape: &Shape) -> f64 {
+        self.0.acts_within(i, shape)
     }
 
     fn at_goal(&self, i: usize) -> Option<DVec3> {

@@ -7,14 +7,40 @@ use tprmp_rmpflow::governor::SpeedGovernor;
 use tprmp_rmpflow::leaves::{ApproachFunnel, CollisionAvoidance, JointDamping, PoseAttractor};
 use tprmp_rmpflow::skill::SkillInertia;
 
-/// A link and a kind of obstacle that need not keep apart.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+/// A link and a kind of obstacle that need not keep apart, or not as far as others.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Exemption {
     /// Name of the link.
     pub link: String,
     /// Kind of obstacle.
     pub obstacle: ExemptObstacle,
+    /// How much is exempt.
+    pub extent: Extent,
+}
+
+/// How much of a link is exempt from keeping clear, or how near it may come.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub enum Extent {
+    /// All of it.
+    Whole,
+    /// The points this near to the axis of the joint that moves the link, which can hardly give way \[m\].
+    NearAxis(f64),
+    /// Nothing once the clearance, margin taken off, is below this; above it nobody minds \[m\].
+    Above(f64),
+}
+
+impl Extent {
+    /// Clearance within which a point at this distance from its joint's axis \[m\] keeps clear: 0 where
+    /// it does not, `None` where it is not exempt \[m\].
+    #[must_use]
+    pub fn acts_within(&self, from_axis_m: f64) -> Option<f64> {
+        match *self {
+            Self::Whole => Some(0.0),
+            Self::NearAxis(distance) => (from_axis_m < distance).then_some(0.0),
+            Self::Above(clearance) => Some(clearance),
+        }
+    }
 }
 
 /// A kind of obstacle.

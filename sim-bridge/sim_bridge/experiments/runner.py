@@ -1,0 +1,145 @@
+"""Runs all experiments of the arm on all cores and writes what came of them."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import shutil
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+from sim_bridge.errors import BridgeError
+from sim_bridge.experiments.episode import Job, run_job
+from sim_bridge.experiments.page import page
+from sim_bridge.experiments.verdict import Verdict, verdicts
+
+SCHEMA = "tprmp-experiments-arm/1"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Episodes of one kind."""
+
+    name: str
+    robot: str
+    scene: str
+    config: str
+    count: int
+    quick_count: int
+
+
+EXPERIMENTS = (
+    Experiment("pick", "ur5", "pick.json", "ur5_pick.ron", 200, 16),
+    Experiment("panda", "panda", "pick_panda.json", "panda_pick.ron", 50, 6),
+    Experiment("adversarial", "ur5", "pick.json", "ur5_pick.ron", 36, 6),
+    Experiment("singular", "ur5", "pick.json", "ur5_pick.ron", 32, 4),
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the command line asked for."""
+
+    config: Path
+    controller: Path
+    model: Path
+    out: Path
+    first_seed: int
+    quick: bool
+    only: tuple[str, ...]
+    workers: int
+
+
+def experiments(settings: Settings) -> int:
+    """Runs them, writes `arm.json` and `arm.html`; gives the exit code: 1 when a must fails."""
+    for file in (settings.controller, settings.model):
+        if not file.exists():
+            raise BridgeError(f"{file}: no such file: `make experiments-arm` makes it")
+    jobs = []
+    for experiment in EXPERIMENTS:
+        if settings.only and experiment.name not in settings.only:
+            continue
+        count = experiment.quick_count if settings.quick else experiment.count
+        seeds = range(settings.first_seed, settings.first_seed + count)
+        print(f"{experiment.name}: {count} scenarios, seeds {seeds[0]} to {seeds[-1]}")
+        jobs += [_job(settings, experiment, seed) for seed in seeds]
+    began = time.monotonic()
+    rows = _run(jobs, settings.workers)
+    shutil.rmtree(settings.out / "running", ignore_errors=True)
+    order = [experiment.name for experiment in EXPERIMENTS]
+    rows.sort(key=lambda row: (order.index(row["experiment"]), row["seed"]))
+    found = verdicts(rows)
+    took_s = time.monotonic() - began
+    traces = [row.pop("trace") for row in rows]
+    values = {
+        "schema": SCHEMA,
+        "quick": settings.quick,
+        "took_s": round(took_s, 1),
+        "verdicts": [vars(verdict) for verdict in found],
+        "rows": rows,
+    }
+    text = json.dumps(values, indent=1)
+    (settings.out / "arm.json").write_text(text + "\n", encoding="utf-8")
+    html = page(rows, traces, found, quick=settings.quick)
+    (settings.out / "arm.html").write_text(html, encoding="utf-8")
+    _tell(rows, found, took_s, settings.out)
+    return 0 if all(verdict.holds for verdict in found) else 1
+
+
+def _job(settings: Settings, experiment: Experiment, seed: int) -> Job:
+    return Job(
+        experiment.name,
+        experiment.robot,
+        seed,
+        settings.config / "scenes" / experiment.scene,
+        settings.controller,
+        settings.config / "controllers" / experiment.config,
+        settings.model,
+        settings.out / "running",
+    )
+
+
+def _run(jobs: list[Job], workers: int) -> list[dict]:
+    rows: list[dict] = []
+    on_terminal = sys.stdout.isatty()
+    # A process that is spawned has no threads and no shared memory of ours.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        waiting = [pool.submit(run_job, job) for job in jobs]
+        try:
+            for done in as_completed(waiting):
+                row = done.result()
+                rows.append(row)
+                failed = sum(other["cause"] is not None for other in rows)
+                if row["cause"] is not None:
+                    start = "\r\033[K" if on_terminal else ""
+                    what = f"{row['experiment']}, {row['kind']}, seed {row['seed']}"
+                    print(f"{start}  {what}: {row['cause']}")
+                if on_terminal or len(rows) % 20 == 0 or len(rows) == len(jobs):
+                    end = "" if on_terminal else "\n"
+                    start = "\r\033[K" if on_terminal else ""
+                    line = f"{start}{len(rows)} of {len(jobs)} done, {failed} not picked in order"
+                    print(line, end=end, flush=True)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    if on_terminal:
+        print()
+    return rows
+
+
+def _tell(rows: list[dict], found: list[Verdict], took_s: float, out: Path) -> None:
+    print(f"\n{len(rows)} episodes in {took_s / 60.0:.1f} min")
+    for verdict in found:
+        holds = "holds" if verdict.holds else "FAILS"
+        print(f"  {holds}  {verdict.experiment}: {verdict.must}: {verdict.measured}")
+    print(f"results: {out / 'arm.json'}, report: {out / 'arm.html'}")
+
+
+def workers_of_this_machine() -> int:
+    """One pair of simulator and controller a core: they take turns."""
+    return max(1, len(os.sched_getaffinity(0)))
