@@ -432,7 +432,13 @@ impl<const N: usize> Cycle<N> {
             (life_cycle == LifeCycle::Done).then(|| self.progress.done_since_ns.unwrap_or(now_ns));
         self.progress = Progress { life_cycle, remaining, energy: decision.energy, done_since_ns };
         let speed = state.velocity.amax();
-        Ok(self.standstill.advance(life_cycle, speed, &decision.surroundings, dt))
+        Ok(self.standstill.advance(
+            life_cycle,
+            speed,
+            remaining.distance_m,
+            &decision.surroundings,
+            dt,
+        ))
     }
 
     /// Prepares a command that leads the arm to rest and holds it there; where that cannot be done

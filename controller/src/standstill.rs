@@ -1,4 +1,4 @@
-//! Why a task makes no progress: the arm stands still short of its goal.
+//! Why a task makes no progress: the arm stands still short of its goal, or creeps along an obstacle.
 
 use tprmp_messages::{LifeCycle, Reason};
 
@@ -6,7 +6,11 @@ use tprmp_messages::{LifeCycle, Reason};
 const SPEED_MAX: f64 = 0.01;
 /// … for so long [s].
 const DURATION_S: f64 = 1.0;
-/// An arm that stands still presses on an obstacle when at least this share of the velocity it
+/// An arm that moves makes no headway when the distance to its goal stays within this share …
+const HEADWAY_SHARE: f64 = 0.8;
+/// … for so long [s].
+const HEADWAY_S: f64 = 3.0;
+/// An arm that makes no headway presses on an obstacle when at least this share of the velocity it
 /// wants leads into one …
 const PRESSING_MIN: f64 = 0.02;
 /// … or when it is as close as this to one, or to itself, beyond the margins [m].
@@ -21,15 +25,18 @@ pub struct Surroundings {
     pub clearance_min_m: f64,
 }
 
-/// For how long the arm has stood still \[s\].
+/// For how long the arm has stood still or made no headway \[s\].
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Standstill {
     still_s: f64,
+    /// Since the distance was about `distance_m`.
+    no_headway_s: f64,
+    distance_m: f64,
 }
 
 impl Standstill {
     /// Takes in a tick of `dt` \[s\] in which the fastest joint moved with `speed`
-    /// \[rad/s or m/s\].
+    /// \[rad/s or m/s\], `distance_m` from the goal.
     ///
     /// [`Reason::Blocked`] or [`Reason::Unreachable`] when a task that is under way does not get on,
     /// else [`Reason::None`]. The policy is followed all the while: once the obstacle or the goal
@@ -38,17 +45,25 @@ impl Standstill {
         &mut self,
         life_cycle: LifeCycle,
         speed: f64,
+        distance_m: f64,
         surroundings: &Surroundings,
         dt: f64,
     ) -> Reason {
         let under_way = matches!(life_cycle, LifeCycle::Running | LifeCycle::Lifting);
         self.still_s = if under_way && speed < SPEED_MAX { self.still_s + dt } else { 0.0 };
+        let about = self.distance_m * HEADWAY_SHARE..=self.distance_m / HEADWAY_SHARE;
+        if under_way && about.contains(&distance_m) {
+            self.no_headway_s += dt;
+        } else {
+            (self.no_headway_s, self.distance_m) = (0.0, distance_m);
+        }
         let blocked =
             surroundings.pressing > PRESSING_MIN || surroundings.clearance_min_m < CLEARANCE_MIN_M;
-        match self.still_s > DURATION_S {
-            true if blocked => Reason::Blocked,
-            true => Reason::Unreachable,
-            false => Reason::None,
+        let (still, creeps) = (self.still_s > DURATION_S, self.no_headway_s > HEADWAY_S);
+        match (still || creeps, blocked) {
+            (true, true) => Reason::Blocked,
+            (true, false) if still => Reason::Unreachable,
+            _ => Reason::None,
         }
     }
 }
@@ -64,7 +79,9 @@ mod tests {
         let close = Surroundings { clearance_min_m: 0.001, ..free };
         let after = |life_cycle, speed, surroundings: &Surroundings| {
             let mut standstill = Standstill::default();
-            (0..1500).map(|_| standstill.advance(life_cycle, speed, surroundings, 0.001)).last()
+            (0..1500)
+                .map(|_| standstill.advance(life_cycle, speed, 0.2, surroundings, 0.001))
+                .last()
         };
         assert_eq!(after(LifeCycle::Running, 0.0, &free), Some(Reason::Unreachable));
         assert_eq!(after(LifeCycle::Running, 0.0, &against), Some(Reason::Blocked));
@@ -72,9 +89,33 @@ mod tests {
         assert_eq!(after(LifeCycle::Running, 0.1, &against), Some(Reason::None));
         assert_eq!(after(LifeCycle::Done, 0.0, &free), Some(Reason::None));
         let mut standstill = Standstill::default();
-        assert_eq!(standstill.advance(LifeCycle::Running, 0.0, &free, 0.9), Reason::None);
-        assert_eq!(standstill.advance(LifeCycle::Running, 0.2, &free, 0.9), Reason::None);
-        assert_eq!(standstill.advance(LifeCycle::Running, 0.0, &free, 0.9), Reason::None);
-        assert_eq!(standstill.advance(LifeCycle::Running, 0.0, &free, 0.9), Reason::Unreachable);
+        assert_eq!(standstill.advance(LifeCycle::Running, 0.0, 0.2, &free, 0.9), Reason::None);
+        assert_eq!(standstill.advance(LifeCycle::Running, 0.2, 0.2, &free, 0.9), Reason::None);
+        assert_eq!(standstill.advance(LifeCycle::Running, 0.0, 0.2, &free, 0.9), Reason::None);
+        assert_eq!(
+            standstill.advance(LifeCycle::Running, 0.0, 0.2, &free, 0.9),
+            Reason::Unreachable
+        );
+    }
+
+    #[test]
+    fn an_arm_that_creeps_along_an_obstacle_is_blocked_until_it_gets_on() {
+        let free = Surroundings { pressing: 0.0, clearance_min_m: f64::INFINITY };
+        let against = Surroundings { pressing: 0.5, ..free };
+        let after = |seconds: usize, share: f64, surroundings: &Surroundings| {
+            let mut standstill = Standstill::default();
+            let mut distance = 0.2;
+            let mut reason = Reason::None;
+            for _ in 0..seconds * 100 {
+                distance *= share.powf(0.01);
+                reason = standstill.advance(LifeCycle::Running, 0.05, distance, surroundings, 0.01);
+            }
+            reason
+        };
+        assert_eq!(after(5, 0.99, &against), Reason::Blocked);
+        assert_eq!(after(2, 0.99, &against), Reason::None, "not yet");
+        assert_eq!(after(5, 0.8, &against), Reason::None, "it gets on");
+        assert_eq!(after(5, 1.2, &against), Reason::None, "the goal moves away");
+        assert_eq!(after(5, 0.99, &free), Reason::None, "it follows what moves");
     }
 }
