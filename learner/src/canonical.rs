@@ -12,19 +12,17 @@
 use glam::{DQuat, DVec3};
 use tprmp_rmpflow::frame_map::{
     Anchor, Canonical, Displacement, FrameMap, FrameMapError, FrameMotion, PHASE_DISTANCE_MIN,
-    Pose, ramp,
+    Pose,
 };
 
 use crate::demonstration::{Demonstration, POINTS_MIN};
 use crate::error::LearnerError;
 use crate::orientation::mean_orientation;
+use crate::pace::Pace;
 use crate::savitzky_golay::{Path, smooth};
 use crate::skill::{Scale, Skill, Smoothing};
 use crate::tp_gmm::frames;
 
-/// Share of its duration within which a demonstration's phase comes up to speed, and to rest: a policy
-/// that starts from rest follows without a lag.
-const PHASE_RISE: f64 = 0.1;
 /// Largest angle between a demonstrated orientation and the goal's [rad]: the chart ends at π.
 const ANGLE_MAX_RAD: f64 = 0.95 * std::f64::consts::PI;
 /// Positions follow the turn of the frames unless the demonstrations then lie so much farther apart
@@ -50,6 +48,8 @@ const MOTION_MIN: f64 = 1e-4;
 pub struct CanonicalSet {
     /// The map of the frames.
     pub map: FrameMap,
+    /// How the phase runs.
+    pub pace: Pace,
     /// The start frame in canonical coordinates.
     pub start: Pose,
     /// s in ŷ = s y, of the positions [1/m] and of the rotations [1/rad].
@@ -65,26 +65,14 @@ pub struct CanonicalDemonstration {
     pub displacement: Displacement,
     /// Samples at rest that were cut at its start.
     pub rest: usize,
+    /// Share of the duration at which each sample is taken.
+    pub times: Vec<f64>,
     /// Phase of each sample, with its first two derivatives in time [1, 1/s, 1/s²].
     pub phases: Vec<[f64; 3]>,
     /// Positions [m].
     pub position: Path,
     /// Rotation vectors at the goal [rad]; all zero for skills without an orientation.
     pub rotation: Path,
-}
-
-/// Phase of sample `i` of `count`, `sampling_time_s` apart, and its first two derivatives in time.
-fn phase(i: usize, count: usize, sampling_time_s: f64) -> [f64; 3] {
-    let last = (count - 1) as f64;
-    let per_second = 1.0 / (last * sampling_time_s);
-    let [share, rate, bend] = ramp(i as f64 / last, PHASE_RISE);
-    [share, rate * per_second, bend * per_second * per_second]
-}
-
-/// The phase that belongs to a share of the time of a demonstration without its rest.
-#[must_use]
-pub fn phase_of_time(share: f64) -> f64 {
-    ramp(share, PHASE_RISE)[0]
 }
 
 /// Brings demonstrations into canonical coordinates.
@@ -113,14 +101,19 @@ pub fn canonicalise(
             poses: &demonstration.poses[range.clone()],
         })
         .collect();
-    let anchors = anchors(skill, &mean, &shown);
+    let durations = demonstrations
+        .iter()
+        .zip(&moving)
+        .map(|(demonstration, range)| (range.len() - 1) as f64 * demonstration.sampling_time_s);
+    let pace = skill.fit.pace(durations.sum::<f64>() / demonstrations.len() as f64);
+    let anchors = anchors(skill, &mean, &shown, &pace);
     let map = |turn| {
         FrameMap::new(&anchors, mean.goal, turn)
             .map_err(|error: FrameMapError| fail(&demonstrations[0].name, format!("{error:?}")))
     };
     let (turning, upright) = (map(true)?, map(false)?);
     // Frames that turn and a way that does not: then positions do not follow the turn.
-    let map = if spread(&upright, &shown) < UPRIGHT_SHARE * spread(&turning, &shown) {
+    let map = if spread(&upright, &shown, &pace) < UPRIGHT_SHARE * spread(&turning, &shown, &pace) {
         upright
     } else {
         turning
@@ -129,7 +122,15 @@ pub fn canonicalise(
     for ((demonstration, range), shown) in demonstrations.iter().zip(&moving).zip(&shown) {
         let displacement = shown.displacement(&map);
         let (count, sampling_time_s) = (shown.poses.len(), demonstration.sampling_time_s);
-        let phases: Vec<_> = (0..count).map(|i| phase(i, count, sampling_time_s)).collect();
+        let times: Vec<f64> = (0..count).map(|i| i as f64 / (count - 1) as f64).collect();
+        let phases: Vec<_> = {
+            let duration_s = (count - 1) as f64 * sampling_time_s;
+            let of = |time: f64| {
+                let [phase, rate, bend] = pace.at(time);
+                [phase, rate / duration_s, bend / (duration_s * duration_s)]
+            };
+            times.iter().map(|time| of(*time)).collect()
+        };
         let mut positions = Vec::with_capacity(count);
         let mut rotations = Vec::with_capacity(count);
         for (i, (pose, [phase, ..])) in shown.poses.iter().zip(&phases).enumerate() {
@@ -157,14 +158,14 @@ pub fn canonicalise(
         end_at(&mut position, mean.goal.position, sampling_time_s);
         end_at(&mut rotation, DVec3::ZERO, sampling_time_s);
         let rest = range.start;
-        set.push(CanonicalDemonstration { displacement, rest, phases, position, rotation });
+        set.push(CanonicalDemonstration { displacement, rest, times, phases, position, rotation });
     }
     let scales = scales(
         scale,
         span(set.iter().map(|d| &d.position), mean.goal_frame.orientation),
         span(set.iter().map(|d| &d.rotation), DQuat::IDENTITY),
     );
-    Ok(CanonicalSet { map, start: mean.start, scales, demonstrations: set })
+    Ok(CanonicalSet { map, pace, start: mean.start, scales, demonstrations: set })
 }
 
 /// ŷ = s y for positions and rotations of these spans.
@@ -236,17 +237,17 @@ impl Shown<'_> {
         map.displace(&frames).expect("a demonstration has the skill's frames")
     }
 
-    /// Phase and pose nearest to one of [`PHASES_COMPARED`] equal steps of the time.
+    /// Share of the time, and pose, nearest to one of [`PHASES_COMPARED`] equal steps.
     fn at(&self, step: usize) -> (f64, Pose) {
         let last = self.poses.len() - 1;
         let time = step as f64 / (PHASES_COMPARED - 1) as f64;
         let i = (time * last as f64).round() as usize;
-        (phase(i, last + 1, 1.0)[0], self.poses[i])
+        (i as f64 / last as f64, self.poses[i])
     }
 }
 
 /// The frames of the map: start, goal, and the further frames that matter in between.
-fn anchors(skill: &Skill, mean: &MeanFrames, shown: &[Shown]) -> Vec<Anchor> {
+fn anchors(skill: &Skill, mean: &MeanFrames, shown: &[Shown], pace: &Pace) -> Vec<Anchor> {
     let single = skill.start_frame == skill.goal_frame;
     let goal = usize::from(!single);
     let mut anchors = Vec::new();
@@ -275,7 +276,7 @@ fn anchors(skill: &Skill, mean: &MeanFrames, shown: &[Shown]) -> Vec<Anchor> {
             (variance(index, step).0 / others.fold(f64::INFINITY, f64::min)).sqrt()
         };
         let steps = (0..PHASES_COMPARED).filter(|step| {
-            let phase = phase_of_time(*step as f64 / (PHASES_COMPARED - 1) as f64);
+            let phase = pace.at(*step as f64 / (PHASES_COMPARED - 1) as f64)[0];
             (PHASE_DISTANCE_MIN..=1.0 - PHASE_DISTANCE_MIN).contains(&phase)
         });
         let best = steps.map(|step| (step, share(step))).min_by(|a, b| a.1.total_cmp(&b.1));
@@ -283,7 +284,7 @@ fn anchors(skill: &Skill, mean: &MeanFrames, shown: &[Shown]) -> Vec<Anchor> {
             let poses: Vec<Pose> = shown.iter().map(|s| s.frames[index]).collect();
             let frame = mean_pose(&poses);
             let point = frame.position + frame.orientation * variance(index, step).1;
-            let phase = phase_of_time(step as f64 / (PHASES_COMPARED - 1) as f64);
+            let phase = pace.at(step as f64 / (PHASES_COMPARED - 1) as f64)[0];
             ways.push(Anchor { index, frame, point, phase });
         }
     }
@@ -308,14 +309,14 @@ fn span<'a>(paths: impl Iterator<Item = &'a Path> + Clone, axes: DQuat) -> f64 {
 
 /// How far the demonstrations lie apart in the canonical coordinates of a map [m, rms], at equal
 /// shares of their times.
-fn spread(map: &FrameMap, shown: &[Shown]) -> f64 {
+fn spread(map: &FrameMap, shown: &[Shown], pace: &Pace) -> f64 {
     let paths: Vec<Vec<DVec3>> = shown
         .iter()
         .map(|shown| {
             let displacement = shown.displacement(map);
             let at = |step| {
-                let (phase, pose) = shown.at(step);
-                map.inverse(&displacement, phase, &pose).position
+                let (time, pose) = shown.at(step);
+                map.inverse(&displacement, pace.at(time)[0], &pose).position
             };
             (0..PHASES_COMPARED).map(at).collect()
         })
@@ -333,10 +334,11 @@ fn spread(map: &FrameMap, shown: &[Shown]) -> f64 {
 pub fn canonical_path(
     map: &FrameMap,
     displacement: &Displacement,
+    pace: &Pace,
     poses: &[Pose],
 ) -> Vec<Canonical> {
     let last = (poses.len() - 1) as f64;
-    let at = |(i, pose)| map.inverse(displacement, phase_of_time(i as f64 / last), pose);
+    let at = |(i, pose)| map.inverse(displacement, pace.at(i as f64 / last)[0], pose);
     poses.iter().enumerate().map(at).collect()
 }
 

@@ -19,6 +19,7 @@ pub mod fit;
 pub mod import;
 pub mod k_means;
 pub mod orientation;
+pub mod pace;
 pub mod plausibility;
 pub mod plot;
 pub mod policy;

@@ -24,6 +24,7 @@ use crate::canonical::{self, mean_pose};
 use crate::components::Choice;
 use crate::demonstration::{self, Demonstration};
 use crate::error::LearnerError;
+use crate::pace::Pace;
 use colour::Scale;
 use figures::{OrientationBand, SeenFromFrame, Shown};
 use projection::Ellipsoid;
@@ -168,16 +169,17 @@ fn pictures(skill: &Skill, shown: &[Demonstration]) -> Vec<Picture> {
     let (model, planar) = (skill.model, skill.planar());
     let frames = shown_frames(model, shown);
     let names: Vec<&str> = frames.iter().map(|(name, _)| *name).collect();
+    let pace = pace(model, shown);
     let paths: Vec<Vec<Canonical>> = (0..shown.len())
         .map(|i| {
             let frames: Vec<Pose> = frames.iter().map(|(_, poses)| poses[i]).collect();
-            canonical_path(skill, &shown[i], &frames)
+            canonical_path(skill, &pace, &shown[i], &frames)
         })
         .collect();
     let dimension = model.manifold.position_dimension();
     let gaussians = gaussians(model);
     let home_frames = home(skill, &frames);
-    let scene = |frames| Scene::new(skill, frames, &paths, &gaussians);
+    let scene = |frames| Scene::new(skill, frames, &paths, &gaussians, &pace);
     let at_home = scene(home_frames.clone());
 
     let mut pictures = Vec::new();
@@ -316,14 +318,31 @@ fn add_fields(
 }
 
 /// The poses of a demonstration between its rests, with these frames, in canonical coordinates.
-fn canonical_path(skill: &Skill, shown: &Demonstration, frames: &[Pose]) -> Vec<Canonical> {
+fn canonical_path(
+    skill: &Skill,
+    pace: &Pace,
+    shown: &Demonstration,
+    frames: &[Pose],
+) -> Vec<Canonical> {
     let displacement = skill.displacement(frames);
     let moving = moving(&shown.poses);
-    let mut path = canonical::canonical_path(&skill.map, &displacement, &shown.poses[moving]);
+    let mut path = canonical::canonical_path(&skill.map, &displacement, pace, &shown.poses[moving]);
     if !shown.manifold.has_orientation() {
         path.iter_mut().for_each(|y| y.rotation = DVec3::ZERO);
     }
     path
+}
+
+/// How the phase runs in these demonstrations.
+fn pace(model: &SkillModel, shown: &[Demonstration]) -> Pace {
+    let duration = |d: &Demonstration| (moving(&d.poses).len() - 1) as f64 * d.sampling_time_s;
+    let mean_s = shown.iter().map(duration).sum::<f64>() / shown.len() as f64;
+    match &model.policy {
+        skill_model::Policy::Canonical { position, .. } => {
+            Pace::damped(mean_s, position.damping_1_s)
+        }
+        skill_model::Policy::Thesis(_) => Pace::even(),
+    }
 }
 
 /// The poses between the rests before and after a motion.

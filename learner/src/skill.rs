@@ -8,6 +8,7 @@ use tprmp_rmpflow::field::COMPONENT_CAPACITY;
 
 use crate::demonstration::DURATION_MAX_S;
 use crate::error::{LearnerError, read_text};
+use crate::pace::Pace;
 
 /// Schema version this module reads.
 pub const SCHEMA: &str = "tprmp-skill/3";
@@ -53,6 +54,18 @@ pub enum FitSettings {
     Canonical(FieldSettings),
     /// The thesis' policy: a product of Gaussians, Huber potentials, damping by energy.
     Thesis(ThesisSettings),
+}
+
+impl FitSettings {
+    /// How the phase runs in demonstrations of this duration [s].
+    #[must_use]
+    pub fn pace(&self, duration_s: f64) -> Pace {
+        match self {
+            Self::Canonical(settings) => Pace::damped(duration_s, settings.damping_1_s),
+            // Its policy has no phase.
+            Self::Thesis(_) => Pace::even(),
+        }
+    }
 }
 
 /// Savitzky–Golay smoothing.

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model;
 use tprmp_rmpflow::frame_map::Pose;
 
-use crate::canonical::{CanonicalSet, phase_of_time};
+use crate::canonical::CanonicalSet;
 use crate::demonstration::Demonstration;
 use crate::em::{
     Data, Gaussian, Maximised, Settings, Topology, View, gaussians, in_order, maximise, mean_times,
@@ -92,33 +92,37 @@ impl Samples {
     pub fn new(skill: &Skill, demonstrations: &[Demonstration], set: &CanonicalSet) -> Self {
         let count = frames(skill, &demonstrations[0]).len();
         let frames = (0..count).map(|p| frame_view(skill, demonstrations, set, p)).collect();
+        let times = set.demonstrations.iter().flat_map(|d| &d.times).copied().collect();
         let phases = set.demonstrations.iter().flat_map(|d| &d.phases).map(|phase| phase[0]);
-        Self { frames, phases: phases.collect(), ..Self::canonical(&joint_paths(skill, set)) }
+        Self { frames, ..Self::canonical(&joint_paths(skill, set), times, phases.collect()) }
     }
 
-    /// The samples of paths in canonical coordinates alone, seen from no frame.
+    /// The samples of paths in canonical coordinates alone, seen from no frame, with the share of the
+    /// time and the phase of each.
     ///
     /// # Panics
     /// When there is no path, or one has no length.
     #[must_use]
-    pub fn canonical(joint: &[Vec<DVector<f64>>]) -> Self {
-        let (mut sequences, mut times, mut lengths) = (Vec::new(), Vec::new(), Vec::new());
+    pub fn canonical(
+        joint: &[Vec<DVector<f64>>],
+        times: Vec<f64>,
+        phases: Vec<f64>,
+    ) -> Self {
+        let (mut sequences, mut lengths) = (Vec::new(), Vec::new());
         let mut whole = 0.0;
         for path in joint {
-            let first = times.len();
+            let first = lengths.len();
             let arc = arc_lengths(path);
-            let (last, length) = (path.len() - 1, arc[path.len() - 1]);
+            let length = arc[path.len() - 1];
             assert!(length > 0.0, "a path has a length");
             whole += length;
-            times.extend((0..path.len()).map(|i| i as f64 / last as f64));
             lengths.extend(arc.iter().map(|arc| arc / length));
-            sequences.push(first..times.len());
+            sequences.push(first..lengths.len());
         }
         let columns: Vec<DVector<f64>> = joint.iter().flatten().cloned().collect();
         let euclidean = DMatrix::from_columns(&columns);
         let canonical = View { euclidean, orientations: None, rotation_scale: 1.0 };
         let mean_length = whole / joint.len() as f64;
-        let phases = times.iter().map(|time| phase_of_time(*time)).collect();
         Self { canonical, frames: Vec::new(), sequences, times, lengths, phases, mean_length }
     }
 
@@ -230,7 +234,7 @@ impl Samples {
                 ordering: settings.ordering,
             },
         );
-        let Maximised { responsibilities, priors, times, log_likelihoods, .. } = maximised;
+        let Maximised { responsibilities, priors, log_likelihoods, .. } = maximised;
         if let Some(k) = priors.iter().position(|prior| *prior < PRIOR_MIN) {
             return Err(too_many(format!("component {} holds no samples", k + 1)));
         }
@@ -241,7 +245,7 @@ impl Samples {
         };
         Ok(TpGmm {
             priors,
-            phases: times,
+            phases: mean_times(&responsibilities, &self.phases),
             canonical: scaled(&self.canonical),
             phased: scaled(&self.phased()),
             phase_length: self.mean_length,

@@ -305,6 +305,13 @@ impl<const N: usize> Field<N> {
         Some(Valley { point: self.goal + offset, potential, slope: rate })
     }
 
+    /// The size of an offset in the metric at a phase: ½ vᵀMv \[kg m²\].
+    #[must_use]
+    pub fn size(&self, phase: f64, offset: &SVector<f64, N>) -> f64 {
+        let metric = self.blend(phase)[0].metric::<N>();
+        0.5 * offset.dot(&(metric * offset))
+    }
+
     /// How far z lies from the demonstrations of its phase: ½ Σ w_k v_kᵀM_kv_k \[kg m²\].
     ///
     /// Metrics are narrow where the demonstrations agree, so this is large where they do not lie.

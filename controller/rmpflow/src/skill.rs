@@ -26,6 +26,9 @@ pub const PHASE_RANGE: [f64; 2] = [-0.25, 1.25];
 pub const PHASE_RATE_MAX_1_S: f64 = 50.0;
 /// Phases that are compared to find the one to start with.
 const PHASES_COMPARED: usize = 97;
+/// A pose is at the start when it lies so much farther from it than from the nearest phase at most, as
+/// a share of the distance that does not tell.
+const AT_START: f64 = 0.25;
 /// Bisections between neighbours of the best one.
 const BISECTIONS: usize = 30;
 
@@ -270,7 +273,12 @@ impl Skill {
             *entry = distance(i as f64 * step);
         }
         let least = distances.iter().copied().fold(f64::INFINITY, f64::min);
-        let home = (least.sqrt() + self.home(inertia).sqrt()).powi(2);
+        let far = self.home(inertia).sqrt();
+        let from_start = self.distance_from_start(inertia, displacement, pose);
+        if from_start.is_some_and(|d| d.sqrt() <= least.sqrt() + AT_START * far) {
+            return Phase { share: 0.0, rate_1_s: 0.0 };
+        }
+        let home = (least.sqrt() + far).powi(2);
         let at = |i: usize| distances.get(i).copied().unwrap_or(f64::INFINITY);
         let is_home =
             |i: &usize| at(*i) <= home && at(*i) <= at(i + 1) && (*i == 0 || at(*i) <= at(i - 1));
@@ -312,6 +320,33 @@ impl Skill {
             distance += inertia.angular_kg_m2 * field.distance(&z);
         }
         distance
+    }
+
+    /// How far a pose lies from that of the start frame, in the metric at phase 0; `None` when the skill
+    /// has no start frame.
+    ///
+    /// Towards its ends [`Self::distance`] draws to the mean of the outermost component.
+    fn distance_from_start(
+        &self,
+        inertia: &SkillInertia,
+        displacement: &Displacement,
+        pose: &Pose,
+    ) -> Option<f64> {
+        let start = self.map.anchors().first().filter(|anchor| anchor.phase == 0.0)?;
+        let y = self.map.inverse(displacement, 0.0, pose);
+        let p = y.position - start.point;
+        let mut distance = inertia.linear_kg
+            * match &self.position {
+                PositionField::Plane(field) => field.size(0.0, &SVector::from([p.x, p.y, 0.0])),
+                PositionField::Space(field) => {
+                    field.size(0.0, &SVector::from([p.x, p.y, p.z, 0.0]))
+                }
+            };
+        if let Some(field) = &self.orientation {
+            let r = y.rotation - self.map.rotation(start.frame.orientation);
+            distance += inertia.angular_kg_m2 * field.size(0.0, &SVector::from([r.x, r.y, r.z, 0.0]));
+        }
+        Some(distance)
     }
 
     /// A difference of distances that does not tell: that of half a component's share of the way.

@@ -10,7 +10,7 @@ use tprmp_rmpflow::product_skill::{ProductSkill, ProductState};
 
 use super::forces::Forces;
 use super::projection::Ellipsoid;
-use crate::canonical::phase_of_time;
+use crate::pace::Pace;
 use crate::policy::{Learned, Situation};
 use crate::rollout::{Course, acceleration, follow};
 
@@ -131,11 +131,12 @@ impl<'a> Scene<'a> {
         frames: Vec<Pose>,
         demonstrations: &[Vec<Canonical>],
         gaussians: &[Ellipsoid],
+        pace: &Pace,
     ) -> Self {
         let displacement = skill.displacement(&frames);
         let carried = |path: &Vec<Canonical>| -> Vec<Pose> {
             let last = (path.len() - 1) as f64;
-            let phase = |i: usize| phase_of_time(i as f64 / last);
+            let phase = |i: usize| pace.at(i as f64 / last)[0];
             let points = path.iter().enumerate();
             points.map(|(i, y)| skill.map.forward(&displacement, phase(i), y)).collect()
         };
@@ -200,7 +201,7 @@ impl<'a> Scene<'a> {
 /// Takes a Gaussian along with the frames at its phase.
 fn carry(map: &FrameMap, displacement: &Displacement, gaussian: &Ellipsoid) -> Ellipsoid {
     let y = Canonical { position: gaussian.mean, rotation: DVec3::ZERO };
-    let phase = phase_of_time(gaussian.phase);
+    let phase = gaussian.phase;
     let pose = map.forward(displacement, phase, &y);
     let mapped = map.at(displacement, phase, 0.0).position(pose.position, DVec3::ZERO);
     let jacobian = mapped.jacobian.transpose();

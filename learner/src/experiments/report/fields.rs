@@ -8,6 +8,7 @@ use super::paths::{grid, panel, points};
 use super::{Picture, Run};
 use crate::experiments::dataset::SkillSet;
 use crate::experiments::models::Kind;
+use crate::pace::Pace;
 use crate::plot::colour::{Scale, of_phase};
 use crate::plot::field::Grid;
 use crate::plot::gallery;
@@ -91,7 +92,7 @@ fn with_scene<T>(model: &SkillModel, set: &SkillSet, draw: impl FnOnce(&Scene) -
         .map(|frame| crate::plot::frame_of(model, shown, &frame.name))
         .collect::<Option<Vec<_>>>()?;
     let gaussians = crate::plot::gaussians(model);
-    Some(draw(&Scene::new(&skill, frames, &[], &gaussians)))
+    Some(draw(&Scene::new(&skill, frames, &[], &gaussians, &Pace::even())))
 }
 
 fn background(panel: &mut Panel, scene: &Scene, dissipation: bool) {
