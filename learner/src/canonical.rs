@@ -11,8 +11,7 @@
 
 use glam::{DQuat, DVec3};
 use tprmp_rmpflow::frame_map::{
-    Anchor, Canonical, Displacement, FrameMap, FrameMapError, FrameMotion, PHASE_DISTANCE_MIN,
-    Pose,
+    Anchor, Canonical, Displacement, FrameMap, FrameMapError, FrameMotion, PHASE_DISTANCE_MIN, Pose,
 };
 
 use crate::demonstration::{Demonstration, POINTS_MIN};
@@ -29,6 +28,13 @@ const ANGLE_MAX_RAD: f64 = 0.95 * std::f64::consts::PI;
 /// that their spread is this share of it or less when positions do not turn. Below 1: it takes
 /// frames that were shown turned, and a way that was shown not to turn.
 const UPRIGHT_SHARE: f64 = 0.75;
+/// The change from the start to the goal frame takes the whole way unless the demonstrations lie this
+/// share as far apart, or less, when it begins later or ends earlier …
+const CHANGE_SHARE: f64 = 0.8;
+/// … at one of so many phases of the first and of the second half …
+const CHANGES_COMPARED: usize = 11;
+/// … over no less than this share of the way: the faster it is, the more the frames' motion is felt.
+const CHANGE_MIN: f64 = 0.25;
 /// Phases at which demonstrations are compared.
 const PHASES_COMPARED: usize = 50;
 /// A further frame acts where the demonstrations seen from it lie this share or less as far apart as
@@ -107,17 +113,8 @@ pub fn canonicalise(
         .map(|(demonstration, range)| (range.len() - 1) as f64 * demonstration.sampling_time_s);
     let pace = skill.fit.pace(durations.sum::<f64>() / demonstrations.len() as f64);
     let anchors = anchors(skill, &mean, &shown, &pace);
-    let map = |turn| {
-        FrameMap::new(&anchors, mean.goal, turn)
-            .map_err(|error: FrameMapError| fail(&demonstrations[0].name, format!("{error:?}")))
-    };
-    let (turning, upright) = (map(true)?, map(false)?);
-    // Frames that turn and a way that does not: then positions do not follow the turn.
-    let map = if spread(&upright, &shown, &pace) < UPRIGHT_SHARE * spread(&turning, &shown, &pace) {
-        upright
-    } else {
-        turning
-    };
+    let map = frame_map(skill, &mean, &anchors, &shown, &pace)
+        .map_err(|error| fail(&demonstrations[0].name, format!("{error:?}")))?;
     let mut set: Vec<CanonicalDemonstration> = Vec::with_capacity(demonstrations.len());
     for ((demonstration, range), shown) in demonstrations.iter().zip(&moving).zip(&shown) {
         let displacement = shown.displacement(&map);
@@ -307,26 +304,78 @@ fn span<'a>(paths: impl Iterator<Item = &'a Path> + Clone, axes: DQuat) -> f64 {
     (high - low).length()
 }
 
-/// How far the demonstrations lie apart in the canonical coordinates of a map [m, rms], at equal
+/// The map in which the demonstrations lie nearest to each other: whether positions turn with the
+/// frames, and at which phases the start frame lets go and the goal frame takes over.
+///
+/// Not every map that does better by chance is taken: positions turn, and the change takes the whole
+/// way, unless the demonstrations show otherwise.
+fn frame_map(
+    skill: &Skill,
+    mean: &MeanFrames,
+    anchors: &[Anchor],
+    shown: &[Shown],
+    pace: &Pace,
+) -> Result<FrameMap, FrameMapError> {
+    // Along axes that turn with the demonstrations.
+    let axes = mean.goal_frame.orientation.conjugate();
+    let positions = || shown.iter().flat_map(|s| s.poses).map(|pose| axes * pose.position);
+    let low = positions().reduce(DVec3::min).unwrap_or_default();
+    let high = positions().reduce(DVec3::max).unwrap_or_default();
+    let scales = scales(&skill.scale, (high - low).length(), 0.0);
+    let turns = skill.manifold.has_orientation();
+    let scales = [scales[0], if turns { scales[1] } else { 0.0 }];
+    let apart = |map: &FrameMap| spread(map, shown, pace, scales);
+    let best = |turn: bool| -> Result<(FrameMap, f64), FrameMapError> {
+        let whole = FrameMap::new(anchors, mean.goal, turn)?;
+        let mut best = (whole, apart(&whole));
+        let most = CHANGE_SHARE * best.1;
+        if anchors.len() < 2 {
+            return Ok(best);
+        }
+        let phases = |i: usize| 0.5 * i as f64 / (CHANGES_COMPARED - 1) as f64;
+        for step in 0..CHANGES_COMPARED * CHANGES_COMPARED {
+            let (i, j) = (step / CHANGES_COMPARED, step % CHANGES_COMPARED);
+            let mut anchors = anchors.to_vec();
+            anchors[0].phase = phases(i);
+            anchors.last_mut().expect("there are two").phase = 1.0 - phases(j);
+            if anchors.windows(2).any(|pair| pair[1].phase - pair[0].phase < CHANGE_MIN) {
+                continue;
+            }
+            let map = FrameMap::new(&anchors, mean.goal, turn)?;
+            let apart = apart(&map);
+            if apart < best.1.min(most) {
+                best = (map, apart);
+            }
+        }
+        Ok(best)
+    };
+    let (turning, upright) = (best(true)?, best(false)?);
+    // Frames that turn and a way that does not: then positions do not follow the turn.
+    Ok(if upright.1 < UPRIGHT_SHARE * turning.1 { upright.0 } else { turning.0 })
+}
+
+/// How far the demonstrations lie apart in the canonical coordinates of a map [ŷ, rms], at equal
 /// shares of their times.
-fn spread(map: &FrameMap, shown: &[Shown], pace: &Pace) -> f64 {
-    let paths: Vec<Vec<DVec3>> = shown
+fn spread(map: &FrameMap, shown: &[Shown], pace: &Pace, scales: [f64; 2]) -> f64 {
+    let paths: Vec<Vec<[DVec3; 2]>> = shown
         .iter()
         .map(|shown| {
             let displacement = shown.displacement(map);
             let at = |step| {
                 let (time, pose) = shown.at(step);
-                map.inverse(&displacement, pace.at(time)[0], &pose).position
+                let y = map.inverse(&displacement, pace.at(time)[0], &pose);
+                [y.position * scales[0], y.rotation * scales[1]]
             };
             (0..PHASES_COMPARED).map(at).collect()
         })
         .collect();
     let count = paths.len() as f64;
-    let variance = |i: usize| -> f64 {
-        let mean = paths.iter().map(|p| p[i]).sum::<DVec3>() / count;
-        paths.iter().map(|p| (p[i] - mean).length_squared()).sum::<f64>() / count
+    let variance = |i: usize, block: usize| -> f64 {
+        let mean = paths.iter().map(|p| p[i][block]).sum::<DVec3>() / count;
+        paths.iter().map(|p| (p[i][block] - mean).length_squared()).sum::<f64>() / count
     };
-    ((0..PHASES_COMPARED).map(variance).sum::<f64>() / PHASES_COMPARED as f64).sqrt()
+    let all = (0..PHASES_COMPARED).map(|i| variance(i, 0) + variance(i, 1));
+    (all.sum::<f64>() / PHASES_COMPARED as f64).sqrt()
 }
 
 /// A demonstration without its rests in canonical coordinates, for its frames.

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! minimise    Σ_i W_i ‖M⁻¹G_i p + d v_i + a_i + M⁻¹ξ_i‖²/d² + ρ/(N d) Σ_j s_j + λ ‖C p‖²
+//!             ‖r‖² = Σ r_y² + ω r_s², with ω the phase's weight
 //! subject to  s_j ≥ 0,  s_j ≥ ε d share_j + t̂_jᵀ M⁻¹ G_j p        descent along the demonstrations
 //!             G(g) p = 0                                           the goal is at rest
 //!             H(g) p ⪰ h M(g)                                      and a strict minimum
@@ -203,9 +204,10 @@ impl<const N: usize> Program<N> {
             let value = bare.evaluate(&target.point, &target.velocity);
             let inverse = inverse_metric(&value.metric);
             let rest = target.velocity * d + target.acceleration + inverse * value.curvature;
-            constant += weight * rest.norm_squared();
             let gradient = shape.basis(&target.point).gradient;
             for i in 0..N {
+                let weight = if i == N - 1 { weight * settings.phase_weight } else { weight };
+                constant += weight * rest[i] * rest[i];
                 for (entry, column) in row.iter_mut().zip(&gradient) {
                     *entry = inverse.row(i).tr_dot(column);
                 }

@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 
 use nalgebra::DMatrix;
 use tprmp_model::skill_model::{
-    Certificate, FieldModel, Fit, FrameMixture, Policy, Pose, ProgramFit, SkillModel, ThesisModel,
+    Canonical, Certificate, FieldModel, Fit, FrameMixture, Policy, Pose, ProgramFit, SkillModel,
+    ThesisModel,
 };
 
 use crate::components::Choice;
@@ -75,8 +76,9 @@ pub fn inspected(model: &SkillModel) -> String {
     text.push_str(
         "\ncanonical pose              x       y       z [m]      w      x      y      z\n",
     );
-    pose(&mut text, "start frame", &model.canonical.start);
-    pose(&mut text, "goal frame", &model.canonical.goal_frame);
+    let Canonical { start_phase, goal_phase, .. } = model.canonical;
+    pose(&mut text, &format!("start frame to {start_phase:.2}"), &model.canonical.start);
+    pose(&mut text, &format!("goal frame from {goal_phase:.2}"), &model.canonical.goal_frame);
     pose(&mut text, "goal", &model.canonical.goal);
     for way in &model.canonical.waypoints {
         pose(&mut text, &format!("{} at {:.2}", way.frame, way.phase), &way.pose);

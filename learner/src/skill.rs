@@ -157,6 +157,8 @@ pub struct FieldSettings {
     pub activation_width: f64,
     /// Width over which components pass into each other, as a share of the phase between two of them.
     pub phase_overlap: f64,
+    /// Weight of the phase's acceleration in the residual against the others'.
+    pub phase_weight: f64,
     /// γ in M_k.
     pub metric_scale: f64,
     /// Offsets of the tube points from the demonstrations [ŷ].
@@ -417,6 +419,7 @@ impl FieldSettings {
             ("fit.damping_1_s", self.damping_1_s),
             ("fit.activation_width", self.activation_width),
             ("fit.phase_overlap", self.phase_overlap),
+            ("fit.phase_weight", self.phase_weight),
             ("fit.metric_scale", self.metric_scale),
             ("fit.tube_weight", self.tube_weight),
             ("fit.tube_attraction_1_s", self.tube_attraction_1_s),

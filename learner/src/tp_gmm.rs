@@ -103,11 +103,7 @@ impl Samples {
     /// # Panics
     /// When there is no path, or one has no length.
     #[must_use]
-    pub fn canonical(
-        joint: &[Vec<DVector<f64>>],
-        times: Vec<f64>,
-        phases: Vec<f64>,
-    ) -> Self {
+    pub fn canonical(joint: &[Vec<DVector<f64>>], times: Vec<f64>, phases: Vec<f64>) -> Self {
         let (mut sequences, mut lengths) = (Vec::new(), Vec::new());
         let mut whole = 0.0;
         for path in joint {

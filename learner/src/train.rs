@@ -242,11 +242,14 @@ fn stored_canonical(
     };
     let ends = [&skill.start_frame, &skill.goal_frame];
     let ways = map.anchors().iter().filter(|anchor| !ends.contains(&&names[anchor.index]));
+    let goal = map.anchors()[map.anchors().len() - 1];
     Canonical {
         start: set.start.into(),
         goal_frame: map.goal_frame().into(),
         goal: map.goal().into(),
         positions_turn: map.positions_turn(),
+        start_phase: map.anchors()[0].phase.min(goal.phase),
+        goal_phase: goal.phase,
         waypoints: ways.map(waypoint).collect(),
     }
 }

@@ -249,7 +249,8 @@ proptest! {
             let by = motion(skill.manifold, translation, DVec3::ZERO);
             let after = learned(skill, &all_moved(&arcs(skill.manifold), &by)).model;
             assert_mixture_moved([before, &after], &by);
-            assert_policy_moved(skill, [before, &after], &by, 1e-6, seed);
+            // To the accuracy of the solver.
+            assert_policy_moved(skill, [before, &after], &by, 5e-6, seed);
         }
     }
 

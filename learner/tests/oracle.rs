@@ -36,14 +36,26 @@ fn the_fit_agrees_with_an_independent_one() {
     let skill = Skill::read(&here.join("../config/skills/planar.ron")).unwrap();
     let FitSettings::Canonical(settings) = &skill.fit else { panic!("a canonical skill") };
     // Random points are not the same in another language: descent is demanded at the samples only.
-    let settings = &FieldSettings { descent_points_random: 0, repairs_max: 0, ..settings.clone() };
+    let settings = &FieldSettings {
+        descent_points_random: 0,
+        repairs_max: 0,
+        phase_weight: 1.0,
+        ..settings.clone()
+    };
 
     let joint: Vec<Vec<DVector<f64>>> = oracle
         .points
         .iter()
         .map(|path| path.iter().map(|z| DVector::from_column_slice(&z[..2])).collect())
         .collect();
-    let mixture = Samples::canonical(&joint).learn(&skill, oracle.components, 1).unwrap();
+    let times = |path: &Vec<[f64; 3]>| {
+        let last = (path.len() - 1) as f64;
+        (0..path.len()).map(move |i| i as f64 / last).collect::<Vec<_>>()
+    };
+    let times = oracle.points.iter().flat_map(times).collect();
+    let phases = oracle.points.iter().flatten().map(|z| z[2] / oracle.goal[2]).collect();
+    let samples = Samples::canonical(&joint, times, phases);
+    let mixture = samples.learn(&skill, oracle.components, 1).unwrap();
     let gaussians = &mixture.phased;
     let means: Vec<_> =
         gaussians.iter().map(|g| Vector3::from_column_slice(g.mean.as_slice())).collect();

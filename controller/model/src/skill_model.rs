@@ -1,6 +1,6 @@
 //! The frozen model of a learned skill: its schema, reader, writer and validation.
 //!
-//! The file is RON text, `(schema: "tprmp-model/3", checksum: "sha256:…", body: (…))`. The checksum
+//! The file is RON text, `(schema: "tprmp-model/4", checksum: "sha256:…", body: (…))`. The checksum
 //! is the SHA-256 of the body, serialised compactly by `ron::to_string`, so that comments and
 //! layout may change, numbers may not.
 //!
@@ -37,7 +37,7 @@ use serde::{Deserialize, Serialize};
 pub use tprmp_rmpflow::product_skill::FRAME_CAPACITY;
 
 /// Schema version this crate reads and writes.
-pub const SCHEMA: &str = "tprmp-model/3";
+pub const SCHEMA: &str = "tprmp-model/4";
 
 /// Space in which a skill moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -186,6 +186,10 @@ pub struct Canonical {
     pub goal: Pose,
     /// Whether the way to the goal turns with the frames, or only the tool's orientation does.
     pub positions_turn: bool,
+    /// Phase up to which the skill is fixed to the start frame, from 0.
+    pub start_phase: f64,
+    /// Phase from which on it is fixed to the goal frame, up to 1.
+    pub goal_phase: f64,
     /// Further frames, in the order in which the skill passes them.
     pub waypoints: Vec<Waypoint>,
 }
@@ -200,7 +204,7 @@ pub struct Waypoint {
     pub pose: Pose,
     /// Where the tool passes it [m]: there the way is fixed to the frame.
     pub point_m: [f64; 3],
-    /// Phase at which the tool passes it, between 0 at the start and 1 at the goal.
+    /// Phase at which the tool passes it, between those of the start and the goal frame.
     pub phase: f64,
 }
 

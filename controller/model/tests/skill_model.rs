@@ -86,6 +86,8 @@ fn model() -> SkillModel {
             goal_frame: pose(1.0),
             goal: pose(1.0),
             positions_turn: true,
+            start_phase: 0.1,
+            goal_phase: 1.0,
             waypoints: vec![Waypoint {
                 frame: "way".into(),
                 pose: pose(0.4),
@@ -181,7 +183,7 @@ fn what_is_written_comes_back_and_always_as_the_same_bytes() {
     assert_eq!(read(&folder.file()).unwrap(), model());
     let text = std::fs::read_to_string(folder.file()).unwrap();
     assert_eq!(text, to_text(&model()));
-    assert!(text.contains("schema: \"tprmp-model/3\""));
+    assert!(text.contains("schema: \"tprmp-model/4\""));
     let left: Vec<_> = std::fs::read_dir(&folder.0).unwrap().collect();
     assert_eq!(left.len(), 1, "no half-written file stays");
 }
@@ -302,6 +304,10 @@ fn dimensions_names_and_poses_are_checked() {
     assert_eq!(changed(|w| w.frame = "none".into()), way("frame"));
     assert_eq!(changed(|w| w.point_m[1] = f64::NAN), way("point_m"));
     assert_eq!(changed(|w| w.phase = 0.99), "canonical.waypoints");
+    let start = |m: &mut SkillModel| m.canonical.start_phase = -0.1;
+    assert_eq!(folder.invalid(start).0, "canonical.start_phase");
+    let goal = |m: &mut SkillModel| m.canonical.goal_phase = f64::NAN;
+    assert_eq!(folder.invalid(goal).0, "canonical.goal_phase");
     let many = |m: &mut SkillModel| {
         let one = position(m).components[0].clone();
         position(m).components = vec![one; 99];

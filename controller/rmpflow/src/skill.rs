@@ -19,6 +19,7 @@ use nalgebra::{Matrix6, SVector, Vector6};
 use crate::field::Field;
 use crate::frame_map::{Displacement, FrameMap, FrameMotion, Mapped, Pose};
 use crate::natural::Natural;
+use crate::rotation::rotation_vector;
 
 /// The phase stays within these bounds …
 pub const PHASE_RANGE: [f64; 2] = [-0.25, 1.25];
@@ -332,7 +333,7 @@ impl Skill {
         displacement: &Displacement,
         pose: &Pose,
     ) -> Option<f64> {
-        let start = self.map.anchors().first().filter(|anchor| anchor.phase == 0.0)?;
+        let [start, _, ..] = self.map.anchors() else { return None };
         let y = self.map.inverse(displacement, 0.0, pose);
         let p = y.position - start.point;
         let mut distance = inertia.linear_kg
@@ -343,8 +344,10 @@ impl Skill {
                 }
             };
         if let Some(field) = &self.orientation {
-            let r = y.rotation - self.map.rotation(start.frame.orientation);
-            distance += inertia.angular_kg_m2 * field.size(0.0, &SVector::from([r.x, r.y, r.z, 0.0]));
+            let turn = self.map.goal().orientation.conjugate() * start.frame.orientation;
+            let r = y.rotation - rotation_vector(turn);
+            let r = SVector::from([r.x, r.y, r.z, 0.0]);
+            distance += inertia.angular_kg_m2 * field.size(0.0, &r);
         }
         Some(distance)
     }

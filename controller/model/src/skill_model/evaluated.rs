@@ -73,13 +73,14 @@ impl SkillModel {
         let mut anchors = Vec::new();
         if self.start_frame != self.goal_frame {
             let start = &canonical.start;
-            anchors.push(anchor(&self.start_frame, start, start.position_m, 0.0));
+            anchors.push(anchor(&self.start_frame, start, start.position_m, canonical.start_phase));
         }
         for way in &canonical.waypoints {
             anchors.push(anchor(&way.frame, &way.pose, way.point_m, way.phase));
         }
         let goal = &canonical.goal;
-        anchors.push(anchor(&self.goal_frame, &canonical.goal_frame, goal.position_m, 1.0));
+        let (frame, phase) = (&canonical.goal_frame, canonical.goal_phase);
+        anchors.push(anchor(&self.goal_frame, frame, goal.position_m, phase));
         FrameMap::new(&anchors, (*goal).into(), canonical.positions_turn)
     }
 

@@ -109,10 +109,17 @@ impl SkillModel {
                 || format!("expected a frame of its own among `frames`, found `{}`", way.frame),
             )?;
         }
+        let range = |key: &str, phase: f64| {
+            require((0.0..=1.0).contains(&phase), format!("canonical.{key}"), || {
+                format!("expected a phase from 0 to 1, found {phase}")
+            })
+        };
+        range("start_phase", self.canonical.start_phase)?;
+        range("goal_phase", self.canonical.goal_phase)?;
         self.frame_map().map(|_| ()).map_err(|error| {
             let problem = format!(
-                "expected phases that rise from 0 to 1 by at least {PHASE_DISTANCE_MIN} a frame \
-                 ({error:?})"
+                "expected phases that rise from `start_phase` to `goal_phase` by at least \
+                 {PHASE_DISTANCE_MIN} a frame ({error:?})"
             );
             ("canonical.waypoints".into(), problem)
         })
