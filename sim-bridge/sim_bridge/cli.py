@@ -237,7 +237,7 @@ def _experiments(parsed: argparse.Namespace) -> int:
     return experiments(
         Settings(
             config=parsed.config,
-            controller=parsed.controller,
+            controller=parsed.controller.resolve(),
             model=parsed.model,
             out=parsed.out,
             first_seed=parsed.seed,

@@ -385,3 +385,39 @@ fn a_link_that_is_blocked_is_led_around_the_obstacle() {
     }
     assert!(held > 0, "no ball is in the way");
 }
+
+/// The pull leads the last link onto the first. Damping alone lets it creep on; repulsion stops it.
+#[test]
+fn links_that_are_pressed_together_never_touch() {
+    let after = |repulsion_m2_s2: f64| {
+        let leaf = CollisionAvoidance {
+            activation_distance_m: 0.05,
+            rest_share: 0.005,
+            repulsion_m2_s2,
+            ..LEAF
+        };
+        let pairs = vec![(0, 4), (0, 5), (1, 5)].into();
+        let tree = Tree {
+            self_collision: Some(SelfCollision { leaf, margin_m: 0.0, pairs }),
+            joint_limits: None,
+            posture: None,
+            ..tree(None)
+        };
+        let pull = Pull { goal: DVec3::new(0.3, 0.0, 0.0) };
+        let mut arm = Arm { q: Vector3::new(0.2, 1.6, 1.6), qd: Vector3::zeros() };
+        let (mut state, mut least) = (TreeState::default(), f64::INFINITY);
+        for _ in 0..20_000 {
+            let task = pull.leaf(&arm.motion(5));
+            let solved =
+                tree.evaluate(&task, &arm.q, &arm.qd, &arm, &[], 1e-3, &mut state).unwrap();
+            arm.qd += solved.acceleration * 1e-3;
+            arm.q += arm.qd * 1e-3;
+            least = least.min(solved.self_clearance_min_m);
+        }
+        least
+    };
+    let kept = after(0.002);
+    assert!(kept > LEAF.clearance_min_m && kept < 0.1, "{kept}");
+    let lost = after(0.0);
+    assert!(lost < 0.0, "the pull does press: {lost}");
+}

@@ -16,6 +16,12 @@ TITLES = {
 }
 SHOWN_MAX = 12
 """Episodes that are drawn one by one, failures first."""
+LEGEND = (
+    "From above: the way of the tool, green, or red where the episode failed; the box, blue; the "
+    "ball where the arm is nearest to it, orange, its way dashed; the pushes, black, 20 cm long at "
+    "40 N; places of a false goal, violet; the base, grey. Below: clearance of the arm from the "
+    "ball over time, marked where the controller reports blocked, red, or unreachable, violet."
+)
 
 _CSS = f"""
 :root {{ color-scheme: light; }}
@@ -95,7 +101,7 @@ def _section(experiment: str, own: list[tuple[dict, list]]) -> str:
         ]
         parts.append("</table>")
     shown = sorted(own, key=lambda pair: pair[0]["cause"] is None)[:SHOWN_MAX]
-    parts.append("<h3>Episodes</h3><div class='pictures'>")
+    parts.append(f"<h3>Episodes</h3><p>{escape(LEGEND)}</p><div class='pictures'>")
     parts += [_figure(_episode(row, trace), _told(row)) for row, trace in shown]
     parts.append("</div></section>")
     return "\n".join(parts)
@@ -262,5 +268,6 @@ def _histogram(values: list[float], low: float, high: float, limit: float, bins:
         f"<text x='10' y='136'>{low:g}</text>"
         f"<text x='{width - 10}' y='136' text-anchor='end'>{high:g}</text>"
         f"<text x='{x:.1f}' y='12' text-anchor='middle'>{limit:g}</text>"
-        f"<text x='10' y='12'>{len(values)} episodes, most {top} in a bar</text></svg>"
+        f"<text x='{width / 2}' y='136' text-anchor='middle'>"
+        f"{len(values)} episodes, most {top} in a bar</text></svg>"
     )
