@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-/// The thesis stops a rollout when it is slower than this [m/s] …
+/// The thesis stops a rollout that has got under way when it is slower than this [m/s] …
 pub const STOP_SPEED_M_S: f64 = 0.05;
 /// … for so many steps.
 pub const STOP_STEPS: usize = 10;

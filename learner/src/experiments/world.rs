@@ -264,7 +264,7 @@ pub fn run(follower: &mut dyn Follower, course: &Course) -> Trace {
     let shown = course.frames[1];
     let (mut pose, mut linear, mut angular) = (course.start, course.start_velocity, DVec3::ZERO);
     let steps = (course.duration_s / course.step_s).ceil() as usize;
-    let (mut slow, mut stopped) = (0, None);
+    let (mut started, mut slow, mut stopped) = (false, 0, None);
     let mut moving = !still;
     let mut trace = Trace {
         path: Vec::with_capacity(steps + 1),
@@ -313,7 +313,9 @@ pub fn run(follower: &mut dyn Follower, course: &Course) -> Trace {
         trace.goal_error_m = (pose.position - goal.position).length();
         trace.goal_error_rad =
             if manifold.has_orientation() { pose.rotation_from(&goal).length() } else { 0.0 };
-        slow = if linear.length() < STOP_SPEED_M_S { slow + 1 } else { 0 };
+        // A start from rest is no stop.
+        started |= linear.length() >= STOP_SPEED_M_S;
+        slow = if started && linear.length() < STOP_SPEED_M_S { slow + 1 } else { 0 };
         if stopped.is_none() && slow >= STOP_STEPS {
             stopped = Some(own_error(follower, &frames, &pose, &goal));
             trace.stopped_at = step + 1;
