@@ -383,6 +383,7 @@ impl<const N: usize> Policy<N> {
             dt,
             &mut workspace.tree,
         )?;
+        workspace.skill.press(resolved.nearness.pressing);
         Ok(Decision {
             acceleration: resolved.acceleration,
             tool,

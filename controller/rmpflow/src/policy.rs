@@ -20,11 +20,19 @@ pub enum Policy {
     Pose(ProductSkill<6>),
 }
 
+/// A tool is held back when more than this share of the velocity it wants leads into an obstacle; its
+/// phase then has at least …
+const PRESSING_MIN: f64 = 0.1;
+/// … this share of its own pull.
+const HELD_SHARE: f64 = 0.3;
+
 /// What a policy needs between calls. It serves a policy of any kind, and belongs to one policy.
 #[derive(Debug, Clone, Default)]
 pub struct PolicyState {
     /// Where a canonical skill is on its way; found anew when there is none.
     phase: Option<Phase>,
+    /// Whether an obstacle holds the tool back.
+    held: bool,
     plane: ProductState<2>,
     space: ProductState<3>,
     pose: ProductState<6>,
@@ -35,6 +43,7 @@ impl PolicyState {
     /// pose. After the tool was moved by something else.
     pub fn restart(&mut self) {
         self.phase = None;
+        self.held = false;
     }
 
     /// Goes on from a phase.
@@ -46,6 +55,13 @@ impl PolicyState {
     #[must_use]
     pub fn phase(&self) -> Option<Phase> {
         self.phase
+    }
+
+    /// Tells how much of the velocity that the tool wants leads into an obstacle, 0 to 1
+    /// ([`Nearness::pressing`](crate::avoidance::Nearness::pressing)). A skill that is held back goes on
+    /// along its way nonetheless, slower, so that the tool leaves the obstacle sooner or later.
+    pub fn press(&mut self, share: f64) {
+        self.held = share > PRESSING_MIN;
     }
 
     /// Goes on for `dt_s` with the acceleration that the tool gets, forces of others included.
@@ -110,7 +126,12 @@ impl Policy {
                 let phase = state
                     .phase
                     .get_or_insert_with(|| skill.nearest_phase(inertia, &displacement, pose));
-                skill.evaluate(inertia, &displacement, pose, linear, angular, phase)
+                let mut value =
+                    skill.evaluate(inertia, &displacement, pose, linear, angular, phase);
+                if state.held {
+                    value.phase.least = skill.pull(inertia, phase, HELD_SHARE);
+                }
+                value
             }
             Self::Plane(skill) => {
                 skill.evaluate(inertia, frames, pose, linear, angular, &mut state.plane)

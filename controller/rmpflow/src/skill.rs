@@ -78,12 +78,14 @@ pub struct PhaseResponse {
     pub free: f64,
     /// M_ss⁻¹ M_sx on \[linear; angular\] \[1/m; 1/rad\].
     pub coupling: Vector6<f64>,
+    /// It is not slower than this \[1/s²\]; −∞ unless an obstacle holds the tool back.
+    pub least: f64,
 }
 
 impl PhaseResponse {
     /// That of a policy without a phase.
     pub(crate) fn none() -> Self {
-        Self { free: 0.0, coupling: Vector6::zeros() }
+        Self { free: 0.0, coupling: Vector6::zeros(), least: f64::NEG_INFINITY }
     }
 }
 
@@ -92,7 +94,9 @@ impl Phase {
     /// semi-implicit Euler rule. At the ends of [`PHASE_RANGE`] it comes to rest.
     pub fn advance(&mut self, response: &PhaseResponse, linear: DVec3, angular: DVec3, dt_s: f64) {
         let tool = Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z);
-        let acceleration = response.free - response.coupling.dot(&tool);
+        let own = response.free - response.coupling.dot(&tool);
+        // Not `max`, which would hide what is not a number.
+        let acceleration = if own < response.least { response.least } else { own };
         let rate =
             (self.rate_1_s + acceleration * dt_s).clamp(-PHASE_RATE_MAX_1_S, PHASE_RATE_MAX_1_S);
         let share = self.share + rate * dt_s;
@@ -208,7 +212,7 @@ fn without_phase(position: &Block, rotation: &Block) -> SkillValue {
             metric,
         },
         energy: position.energy + rotation.energy,
-        phase: PhaseResponse { free, coupling },
+        phase: PhaseResponse { free, coupling, least: f64::NEG_INFINITY },
     }
 }
 
@@ -350,6 +354,34 @@ impl Skill {
             distance += inertia.angular_kg_m2 * field.size(0.0, &r);
         }
         Some(distance)
+    }
+
+    /// The acceleration with which the phase goes on at `share` of its own pull, as if the tool lay in
+    /// the valley: s̈ = −share U′/M_ss − d ṡ \[1/s²\]. −∞ where there is no valley.
+    ///
+    /// Where an obstacle holds the tool back, the valley's pull on the tool holds the phase back too:
+    /// what is wanted would wait in the obstacle for good, and the tool go round it for ever.
+    pub(crate) fn pull(&self, inertia: &SkillInertia, phase: &Phase, share: f64) -> f64 {
+        fn of<const N: usize>(field: &Field<N>, phase: f64) -> Option<[f64; 3]> {
+            let slope = field.valley(phase)?.slope;
+            let mut along = SVector::zeros();
+            along[N - 1] = 1.0;
+            let mass = 2.0 * field.size(phase, &along);
+            Some([slope, mass, mass * field.damping_1_s()])
+        }
+        let position = match &self.position {
+            PositionField::Plane(field) => of(field, phase.share),
+            PositionField::Space(field) => of(field, phase.share),
+        };
+        let orientation = match &self.orientation {
+            Some(field) => of(field, phase.share),
+            None => Some([0.0; 3]),
+        };
+        let (Some(p), Some(r)) = (position, orientation) else { return f64::NEG_INFINITY };
+        let [slope, mass, damping] =
+            [0, 1, 2].map(|i| inertia.linear_kg * p[i] + inertia.angular_kg_m2 * r[i]);
+        let pull = (-share * slope - damping * phase.rate_1_s) / mass;
+        if pull.is_finite() { pull } else { f64::NEG_INFINITY }
     }
 
     /// A difference of distances that does not tell: that of half a component's share of the way.
@@ -587,8 +619,35 @@ mod tests {
     }
 
     #[test]
+    fn a_phase_waits_for_a_tool_that_is_held_but_not_for_an_obstacle() {
+        let skill = skill();
+        let frames = [skill.map.anchors()[0].frame, skill.map.goal_frame()];
+        let frames = frames.map(FrameMotion::at_rest);
+        let pose = Pose {
+            position: skill.map.anchors()[0].point,
+            orientation: skill.map.goal().orientation,
+        };
+        let policy = Policy::Canonical(skill);
+        let share_after = |pressing: f64| {
+            let mut state = PolicyState::default();
+            for _ in 0..40_000 {
+                let value =
+                    policy.evaluate(&INERTIA, &frames, &pose, DVec3::ZERO, DVec3::ZERO, &mut state);
+                state.press(pressing);
+                state.advance(&value, DVec3::ZERO, DVec3::ZERO, 1e-3);
+            }
+            state.phase().unwrap().share
+        };
+        let (held, pressing) = (share_after(0.0), share_after(0.5));
+        assert!(held < 0.9 && pressing > 0.97, "{held} {pressing}");
+    }
+
+    #[test]
     fn a_phase_stays_finite_and_in_its_range() {
-        let response = |free: f64| PhaseResponse { free, coupling: Vector6::repeat(1.0) };
+        let response = |free: f64| {
+            let least = f64::NEG_INFINITY;
+            PhaseResponse { free, coupling: Vector6::repeat(1.0), least }
+        };
         let mut phase = Phase { share: 0.2, rate_1_s: 0.1 };
         phase.advance(&response(f64::NAN), DVec3::ZERO, DVec3::ZERO, 1e-3);
         phase.advance(&response(0.0), DVec3::NAN, DVec3::ZERO, 1e-3);

@@ -47,6 +47,9 @@ pub trait Follower {
     /// Told how the body really accelerates until the next evaluation [m/s², rad/s²].
     fn advance(&mut self, _wish: &Wish, _linear: DVec3, _angular: DVec3, _step_s: f64) {}
 
+    /// Told which share of the velocity that it wants leads into an obstacle.
+    fn press(&mut self, _share: f64) {}
+
     /// Forgets where it was on its way.
     fn restart(&mut self) {}
 
@@ -136,6 +139,10 @@ impl Follower for Learned<'_> {
         if let Some(value) = self.value.take() {
             self.state.advance(&value, linear, angular, step_s);
         }
+    }
+
+    fn press(&mut self, share: f64) {
+        self.state.press(share);
     }
 
     fn restart(&mut self) {

@@ -147,7 +147,8 @@ const STEERING: Steering = Steering {
 };
 const MARGIN_M: f64 = 0.02;
 
-/// Adds what keeps the body clear of obstacles, in the N linear coordinates in which it moves.
+/// Adds what keeps the body clear of obstacles, in the N linear coordinates in which it moves. Returns the
+/// share of the wanted velocity that leads into them.
 #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
 fn avoid<const N: usize>(
     ball: FreeBall,
@@ -158,7 +159,7 @@ fn avoid<const N: usize>(
     side: Side,
     natural: &mut Natural<6>,
     state: &mut AvoidanceState,
-) {
+) -> f64 {
     let avoidance = Avoidance {
         leaf: CLEAR,
         steering: Some(Steering { side, ..STEERING }),
@@ -168,12 +169,13 @@ fn avoid<const N: usize>(
         force: natural.force.fixed_rows::<N>(0).into_owned(),
         metric: natural.metric.fixed_view::<N, N>(0, 0).into_owned(),
     };
-    let Ok(factor) = root.factor() else { return };
+    let Ok(factor) = root.factor() else { return 0.0 };
     let wanted = SVector::<f64, N>::from_fn(|i, _| free[i]);
     let obstacles = std::slice::from_ref(obstacle);
-    avoidance.add(&ball, obstacles, &wanted, &factor, energy, step_s, &mut root, state);
+    let seen = avoidance.add(&ball, obstacles, &wanted, &factor, energy, step_s, &mut root, state);
     natural.force.fixed_rows_mut::<N>(0).copy_from(&root.force);
     natural.metric.fixed_view_mut::<N, N>(0, 0).copy_from(&root.metric);
+    seen.pressing
 }
 
 /// What happens to the body.
@@ -357,13 +359,13 @@ pub fn run(follower: &mut dyn Follower, course: &Course) -> Trace {
             };
             let free = resolve(&natural, manifold).map_or(DVec3::ZERO, |[a, _]| a);
             let (energy, step_s, state) = (wish.energy, course.step_s, &mut sides);
-            if manifold == Manifold::R2 {
+            follower.press(if manifold == Manifold::R2 {
                 let side = Side::Plane;
-                avoid::<2>(body, &obstacle, free, energy, step_s, side, &mut natural, state);
+                avoid::<2>(body, &obstacle, free, energy, step_s, side, &mut natural, state)
             } else {
                 let side = Side::Space(DVec3::Z);
-                avoid::<3>(body, &obstacle, free, energy, step_s, side, &mut natural, state);
-            }
+                avoid::<3>(body, &obstacle, free, energy, step_s, side, &mut natural, state)
+            });
         }
         let Some([a, alpha]) = resolve(&natural, manifold) else {
             trace.goal_error_m = f64::INFINITY;
