@@ -79,7 +79,7 @@ demo-planar: seed build
 	@echo '== report'
 	@$(BIN)/planar-sim report target/demo-planar
 
-test: build venv
+test: build robots
 	@echo '== Rust tests, of several processes too'
 	$(CARGO) test --release --locked --workspace
 	@echo '== the loop allocates nothing in a debug build either'
