@@ -1,6 +1,6 @@
 # make demo          the main job: learn the pick and run it on a simulated UR5 (SEED=n varies the scene)
 # make demo-planar   the same in the plane, without Python
-# make test          set everything up and pass all tests
+# make test          set everything up and pass all tests (PROPTEST_RNG_SEED=n: other cases)
 # make bench         measure evaluation, training, latency and deadlines (FULL=1: 10⁵ cycles a row, hours)
 # make experiments   the experiments of the thesis and harder ones, a report (QUICK=1: a short look; DATASET=folder)
 # make experiments-arm   the whole arm in simulation: pushes, obstacles, another arm, false goals (QUICK=1: a short look)
@@ -11,6 +11,8 @@ SHELL := /bin/bash
 
 SEED ?= 1
 MINUTES ?= 10
+# What properties are tested on: the same in every run. `cargo test` by itself draws anew.
+PROPTEST_RNG_SEED ?= 1
 # The first Python that pybullet has packages for; `make PYTHON=/path/to/python3.11` chooses one.
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.10 python3.9,$(if $(shell $(p) -c '' 2>/dev/null && echo yes),$(p))) python3)
 CARGO ?= cargo
@@ -79,6 +81,7 @@ demo-planar: seed build
 	@echo '== report'
 	@$(BIN)/planar-sim report target/demo-planar
 
+test: export PROPTEST_RNG_SEED := $(PROPTEST_RNG_SEED)
 test: build robots
 	@echo '== Rust tests, of several processes too'
 	$(CARGO) test --release --locked --workspace

@@ -284,14 +284,15 @@ proptest! {
     }
 
     /// V̇ ≤ 0 holds for steps that are short enough. From starts as near to the demonstrations as
-    /// those of the certificate 100 Hz are enough for the canonical policy; for the thesis' policy
-    /// of poses, whose precisions differ more, 1 kHz are.
+    /// those of the certificate 100 Hz are enough for the canonical policy. The thesis' policy of
+    /// poses, whose precisions differ more, now and then gains 1e-6 by a step at 1 kHz: what the
+    /// integration is wrong by, which shorter steps take away.
     #[test]
     fn energy_never_rises_with_displaced_frames(seed in any::<u64>()) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         for (skill, model) in SKILLS.iter().chain(&*TURNING) {
             let policy = Learned::new(model).unwrap();
-            let steps: &[f64] = if is_thesis(skill) { &[1e-3] } else { &[1e-2, 1e-3] };
+            let steps: &[f64] = if is_thesis(skill) { &[5e-5] } else { &[1e-2, 1e-3] };
             for _ in 0..3 {
                 let (frames, start, _) = near(skill, &arcs(skill.manifold), 0.1, &mut random);
                 let goal = goal(model, &frames);
