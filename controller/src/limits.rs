@@ -7,9 +7,9 @@ use tprmp_robot::Chain;
 /// The limits of a robot. All positive.
 #[derive(Debug, Clone, Copy)]
 pub struct JointLimits<const N: usize> {
-    /// Least position \[rad or m\].
+    /// Least position of the working range \[rad or m\].
     pub position_lower: SVector<f64, N>,
-    /// Greatest position \[rad or m\].
+    /// Greatest position of the working range \[rad or m\].
     pub position_upper: SVector<f64, N>,
     /// Greatest speed \[rad/s or m/s\].
     pub velocity_max: SVector<f64, N>,
@@ -25,10 +25,10 @@ impl<const N: usize> JointLimits<N> {
     /// The limits of the robot's description, reduced as configured.
     #[must_use]
     pub fn new(chain: &Chain<N>, robot: &Robot) -> Self {
-        let margin = SVector::repeat(robot.position_margin);
+        let [position_lower, position_upper] = working_range(chain, robot);
         Self {
-            position_lower: chain.position_lower() + margin,
-            position_upper: chain.position_upper() - margin,
+            position_lower,
+            position_upper,
             velocity_max: chain.velocity_max() * robot.velocity_share,
             acceleration_max: SVector::from_column_slice(&robot.acceleration_max),
             effort_max: chain.effort_max() * robot.effort_share,
@@ -82,10 +82,26 @@ impl<const N: usize> JointLimits<N> {
     }
 }
 
+/// Least and greatest position that joints are moved to: the description's, less the margin, where
+/// the configuration does not narrow it further \[rad or m\].
+#[must_use]
+pub fn working_range<const N: usize>(chain: &Chain<N>, robot: &Robot) -> [SVector<f64, N>; 2] {
+    let margin = robot.position_margin;
+    let narrower = |i: usize| robot.working_range.get(&chain.joint_names()[i]);
+    let lower = chain.position_lower().map_with_location(|i, _, end| {
+        narrower(i).map_or(end + margin, |range| range[0].max(end + margin))
+    });
+    let upper = chain.position_upper().map_with_location(|i, _, end| {
+        narrower(i).map_or(end - margin, |range| range[1].min(end - margin))
+    });
+    [lower, upper]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use nalgebra::Vector2;
+    use tprmp_model::controller_config;
 
     fn limits() -> JointLimits<2> {
         JointLimits {
@@ -124,6 +140,39 @@ mod tests {
                 assert!(q[i] >= limits.position_lower[i] - 1e-3, "{step} {q}");
             }
         }
+    }
+
+    #[test]
+    fn a_joint_beyond_its_range_may_only_come_back() {
+        let (limits, dt) = (limits(), 1e-3);
+        let (mut q, mut qd) = (Vector2::new(1.05, -2.05), Vector2::<f64>::zeros());
+        for wish in [Vector2::new(10.0, -20.0), Vector2::new(-5.0, 5.0)] {
+            let before = q;
+            for _ in 0..300 {
+                qd += limits.acceleration(&wish, &q, &qd, dt) * dt;
+                q += qd * dt;
+            }
+            let inwards = wish[0] < 0.0;
+            assert_eq!(q != before, inwards, "{q}");
+        }
+        assert!(q[0] < 1.0 && q[1] > -2.0, "{q}");
+    }
+
+    #[test]
+    fn the_working_range_is_the_narrower_of_description_and_configuration() {
+        let ur5 = concat!(env!("CARGO_MANIFEST_DIR"), "/../config/controllers/ur5_pick.ron");
+        let mut config = controller_config::read(ur5.as_ref()).unwrap();
+        let chain = Chain::<6>::from_urdf(&config.robot.urdf, config.robot.selection()).unwrap();
+        config.robot.working_range =
+            [("elbow_joint".to_string(), [0.1, 9.0]), ("wrist_1_joint".to_string(), [-9.0, 1.0])]
+                .into();
+        let [lower, upper] = working_range(&chain, &config.robot);
+        let margin = config.robot.position_margin;
+        let own =
+            |i: usize| [chain.position_lower()[i] + margin, chain.position_upper()[i] - margin];
+        assert_eq!([lower[2], upper[2]], [0.1, own(2)[1]]);
+        assert_eq!([lower[3], upper[3]], [own(3)[0], 1.0]);
+        assert_eq!([lower[4], upper[4]], own(4));
     }
 
     #[test]

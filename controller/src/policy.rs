@@ -20,6 +20,7 @@ use tprmp_robot::{
     forward_kinematics_with_velocity, point_kinematics, point_position,
 };
 
+use crate::limits::working_range;
 use crate::standstill::Surroundings;
 
 /// The policy: immutable.
@@ -407,13 +408,13 @@ fn tree<const N: usize>(
     config: &ControllerConfig,
 ) -> Tree<N> {
     let robot = &config.robot;
-    let margin = robot.position_margin;
+    let [lower, upper] = working_range(chain, robot);
     let acceleration_max = SVector::<f64, N>::from_column_slice(&robot.acceleration_max);
     Tree {
         joint_damping: config.joint_damping.leaf(),
         joint_limits: config.joint_limits.map(|limits| JointLimits {
-            lower: chain.position_lower().add_scalar(margin),
-            upper: chain.position_upper().add_scalar(-margin),
+            lower,
+            upper,
             leaf: limits.leaf(),
         }),
         joint_speed_limits: config.joint_speeds.map(|speeds| JointSpeedLimits {

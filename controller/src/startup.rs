@@ -11,6 +11,7 @@ use tprmp_robot::{Chain, ControlPointError, ControlPoints, UrdfError, count_join
 
 use crate::cycle::Cycle;
 use crate::inputs::Scene;
+use crate::limits::working_range;
 use crate::pacing::Pace;
 use crate::policy::Policy;
 use crate::realtime::Refusal;
@@ -89,20 +90,20 @@ pub enum StartError {
         /// Dimension of the skill.
         dimension: usize,
     },
-    /// The margin leaves a joint no room.
+    /// The configuration leaves a joint no room.
     #[error(
-        "configuration `{config}`, key `robot.position_margin`: expected less than half the range of \
-         every joint, found {margin} for joint `{joint}` of range {range}"
+        "configuration `{config}`, keys `robot.position_margin` and `robot.working_range`: expected \
+         that they leave every joint room, found [{lower}, {upper}] for joint `{joint}`"
     )]
-    Margin {
+    NoRoom {
         /// The configuration.
         config: PathBuf,
-        /// The margin \[rad or m\].
-        margin: f64,
         /// The joint.
         joint: String,
-        /// Its range \[rad or m\].
-        range: f64,
+        /// Lower end of what is left \[rad or m\].
+        lower: f64,
+        /// Upper end of what is left \[rad or m\].
+        upper: f64,
     },
     /// A link named in the configuration does not exist.
     #[error(
@@ -251,12 +252,12 @@ pub fn robot<const N: usize>(
             found: config.robot.joints.clone(),
         });
     }
+    let [lower, upper] = working_range(&chain, &config.robot);
     for (i, joint) in chain.joint_names().iter().enumerate() {
-        let range = chain.position_upper()[i] - chain.position_lower()[i];
-        let margin = config.robot.position_margin;
-        if 2.0 * margin >= range {
+        let (lower, upper) = (lower[i], upper[i]);
+        if lower >= upper {
             let (config, joint) = (config_path.into(), joint.clone());
-            return Err(StartError::Margin { config, margin, joint, range });
+            return Err(StartError::NoRoom { config, joint, lower, upper });
         }
     }
     let links: Vec<String> = chain.moving_links().iter().map(|(name, _)| name.clone()).collect();

@@ -3,6 +3,7 @@
 //! Every key is required and none is invented: a missing or unknown key is an error that names the
 //! file, the key and what was expected. Paths are relative to the file.
 
+use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
 use glam::DVec3;
@@ -88,6 +89,10 @@ pub struct Robot {
     pub effort_share: f64,
     /// Distance kept from the URDF's position limits \[rad or m\].
     pub position_margin: f64,
+    /// Least and greatest position of joints that are to use less than the URDF permits
+    /// \[rad or m\]: what keeps an arm from turning its elbow or its shoulder over. Outside, a joint
+    /// may only come back.
+    pub working_range: BTreeMap<String, [f64; 2]>,
 }
 
 /// A sphere on a link.
@@ -419,6 +424,14 @@ impl ControllerConfig {
         check.share("robot.velocity_share", robot.velocity_share);
         check.share("robot.effort_share", robot.effort_share);
         check.not_negative("robot.position_margin", robot.position_margin);
+        for (joint, range) in &robot.working_range {
+            if !robot.joints.contains(joint) {
+                check.fail("robot.working_range", "names from robot.joints", joint);
+            }
+            if !(range[0] < range[1] && range.iter().all(|end| end.is_finite())) {
+                check.fail("robot.working_range", "a lower end below the upper one", range);
+            }
+        }
         check.time("loop.period_ns", self.cycle.period_ns);
         if self.cycle.period_ns > 20_000_000 {
             check.fail("loop.period_ns", "at most 20000000 nanoseconds", &self.cycle.period_ns);
@@ -652,6 +665,8 @@ mod tests {
             ("extent: NearAxis(0.15)", "extent: NearAxis(-0.15)", "collision.exempt, NearAxis"),
             ("extent: Above(0.015)", "extent: Above(0.005)", "collision.exempt, Above"),
             ("margin_m: 0.0,", "margin_m: -0.005,", "self_collision.margin_m"),
+            ("\"elbow_joint\": (", "\"elbow\": (", "robot.working_range"),
+            ("\"elbow_joint\": (0.1", "\"elbow_joint\": (3.0", "robot.working_range"),
         ];
         for (from, to, key) in refused {
             let error = error_of(|t| t.replace(from, to));

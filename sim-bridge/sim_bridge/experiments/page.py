@@ -79,17 +79,18 @@ def _section(experiment: str, own: list[tuple[dict, list]]) -> str:
     parts.append("<div class='pictures'>")
     parts.append(_figure(_top_view(own), "Way of the tool from above, all episodes."))
     errors = [1e3 * row["position_error_m"] for row in rows if row["position_error_m"] is not None]
-    caption = "Position error at the grip [mm]; the limit is 5."
-    parts.append(_figure(_histogram(errors, 0.0, 6.0, 5.0), caption))
-    near = [1e3 * c["obstacle"] for c in least if c["obstacle"] is not None]
-    caption = "Least clearance of any link from the obstacle [mm]; a contact is at 0."
-    parts.append(_figure(_histogram(near, -10.0, 150.0, 0.0), caption))
-    own_near = [1e3 * c["self"] for c in least if c["self"] is not None]
-    caption = "Least clearance of the arm from itself [mm]."
-    parts.append(_figure(_histogram(own_near, -10.0, 60.0, 0.0), caption))
+    near, own_near = (
+        [1e3 * c[what] for c in least if c[what] is not None] for what in ("obstacle", "self")
+    )
     used = [100.0 * max(row["limit_shares"].values()) for row in rows]
-    caption = "Largest share of a joint's position, velocity or torque limit [%]."
-    parts.append(_figure(_histogram(used, 0.0, 120.0, 100.0), caption))
+    for values, low, high, limit, caption in (
+        (errors, 0.0, 6.0, 5.0, "Position error at the grip [mm]; the limit is 5."),
+        (near, -10.0, 150.0, 0.0, "Least clearance from the obstacle [mm]; a contact is at 0."),
+        (own_near, -10.0, 60.0, 0.0, "Least clearance of the arm from itself [mm]."),
+        (used, 0.0, 120.0, 100.0, "Largest share of a position, velocity or torque limit [%]."),
+    ):
+        if values:
+            parts.append(_figure(_histogram(values, low, high, limit), caption))
     parts.append("</div>")
     failed = [row for row in rows if row["cause"] is not None]
     if failed:

@@ -51,9 +51,11 @@ def verdicts(rows: list[dict]) -> list[Verdict]:
             if asked:
                 told_share = share(told, len(asked))
                 found.append(Verdict(experiment, must, told_share, told == len(asked)))
-            live = sum(row["picked"] for row in own)
-            must = "it goes on once the goal is at the box, and picks it"
-            found.append(Verdict(experiment, must, share(live, count), live == count))
+            picked = sum(row["picked"] for row in own)
+            live = sum(row["picked"] or row["reason"] in REPORTED for row in own)
+            must = "it goes on once the goal is at the box: picks it, or waits and says so"
+            measured = f"{share(live, count)}, {picked} of them picked"
+            found.append(Verdict(experiment, must, measured, live == count))
         if experiment == "singular":
             told = sum(row["picked"] or row["reason"] in REPORTED for row in own)
             must = "passes and picks, or waits and says so"
