@@ -330,6 +330,9 @@ fn draw_box(panel: &mut Panel, x: f64, half: f64, values: &[f64], colour: &'stat
     panel.line([p(x - half, middle), p(x + half, middle)], &line(colour, 2.6, ""));
 }
 
+/// Range of the clearances of figure 5.14 [m].
+const CLEARANCE_M: [f64; 2] = [-0.1, 0.4];
+
 /// Figure 5.14: how many of the skills pass an obstacle.
 fn successes(run: &Run, figures: &[Published]) -> Vec<Picture> {
     let rows: Vec<&Row> = run.rows.iter().filter(|row| row.experiment == "obstacle").collect();
@@ -349,11 +352,12 @@ fn successes(run: &Run, figures: &[Published]) -> Vec<Picture> {
     let mut clear = Panel::graph(
         "least clearance and largest acceleration",
         ["log10 of the largest acceleration [m/s²]", "least clearance [m]"],
-        [DVec2::new(0.0, -0.5), DVec2::new(4.0, 1.5)],
+        [DVec2::new(0.0, CLEARANCE_M[0]), DVec2::new(4.0, CLEARANCE_M[1])],
         SIZE,
     );
     let mut words = String::new();
-    for policy in &policies {
+    // The default policy last: on top of the others.
+    for policy in policies.iter().rev() {
         let (mut points, mut told, mut feasible_all, mut passed_all) =
             (Vec::new(), Vec::new(), 0, 0);
         for x in &xs {
@@ -370,14 +374,15 @@ fn successes(run: &Run, figures: &[Published]) -> Vec<Picture> {
             }
             for row in own {
                 if let (Some(a), Some(c)) = (row.acceleration_max_m_s2, row.clearance_min_m) {
-                    let p = DVec2::new(a.max(1.0).log10().min(4.0), c.clamp(-0.5, 1.5));
+                    let shown = c.clamp(CLEARANCE_M[0], CLEARANCE_M[1]);
+                    let p = DVec2::new(a.max(1.0).log10().min(4.0), shown);
                     clear.dot(p, 2.6, colour(policy));
                 }
             }
         }
         panel.line(points.iter().copied(), &line(colour(policy), 2.4, ""));
         points.iter().for_each(|p| panel.dot(*p, 3.4, colour(policy)));
-        words += &format!(
+        let told = format!(
             "{policy}: {passed_all} of {feasible_all} feasible cases (by radius {}); by the thesis' \
              criterion, of all {}: {}. ",
             told.join(", "),
@@ -388,6 +393,7 @@ fn successes(run: &Run, figures: &[Published]) -> Vec<Picture> {
                 .collect::<Vec<_>>()
                 .join(", ")
         );
+        words.insert_str(0, &told);
     }
     let mut theirs = Vec::new();
     for x in &xs {
@@ -398,7 +404,7 @@ fn successes(run: &Run, figures: &[Published]) -> Vec<Picture> {
     }
     clear.line([DVec2::new(0.0, 0.0), DVec2::new(4.0, 0.0)], &line(GREY, 1.2, "4 3"));
     clear.line(
-        [40.0_f64.log10(); 2].into_iter().zip([-0.5, 1.5]).map(|(x, y)| DVec2::new(x, y)),
+        [40.0_f64.log10(); 2].into_iter().zip(CLEARANCE_M).map(|(x, y)| DVec2::new(x, y)),
         &line(GREY, 1.2, "4 3"),
     );
     words += &format!(
