@@ -1,8 +1,8 @@
 """Fits a tool to an arm of pybullet's data package.
 
-The fitting file says what and where, and what the package has no true limits of: `joint_limits`
-take the place of the description's, joint by joint. The package stays where it is installed: meshes are named by
-their absolute paths in what is written.
+The fitting file says what and where. Its `joint_limits` take the place of the description's, joint
+by joint, for descriptions that have placeholders instead of the data sheet's values. The package
+stays where it is installed: meshes are named by their absolute paths in what is written.
 """
 
 from __future__ import annotations
