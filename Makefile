@@ -3,7 +3,7 @@
 # make test          set everything up and pass all tests (PROPTEST_RNG_SEED=n: other cases)
 # make bench         measure evaluation, training, latency and deadlines (FULL=1: 10⁵ cycles a row, hours)
 # make experiments   the experiments of the thesis and harder ones, a report (QUICK=1: a short look; DATASET=folder)
-# make experiments-arm   the whole arm in simulation: pushes, obstacles, another arm, false goals (QUICK=1: a short look)
+# make experiments-arm   the whole arm in simulation: pushes, obstacles, other arms, false goals (QUICK=1: a short look)
 # make soak          run a controller for MINUTES=10 beside a simulator that is killed and started again
 # make lint          formatting and static checks
 SHELL := /bin/bash
@@ -114,7 +114,8 @@ experiments: seed build
 
 # Arms of pybullet's own data package, with the suction tool fitted.
 robots: venv
-	@$(BRIDGE) fit config/robots/panda_suction.json --out target/robots/panda_suction.urdf
+	@for robot in panda iiwa; do \
+	    $(BRIDGE) fit config/robots/$${robot}_suction.json --out target/robots/$${robot}_suction.urdf || exit 1; done
 
 experiments-arm: robots build
 	@mkdir -p target/experiments

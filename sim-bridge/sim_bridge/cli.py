@@ -107,7 +107,7 @@ def _parser() -> argparse.ArgumentParser:
         "experiments",
         help="run the experiments of the whole arm",
         description="Runs seeded episodes in lockstep, each with a controller of its own, on all "
-        "cores: picks with a moving ball and pushes, the same on another arm, goals where none "
+        "cores: picks with a moving ball and pushes, the same on other arms, goals where none "
         "should be, starts near singularities. Writes arm.json and arm.html. Exit code 0: all "
         "that must hold does; 1: it does not; 2: bad input.",
     )

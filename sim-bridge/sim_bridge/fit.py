@@ -1,7 +1,8 @@
 """Fits a tool to an arm of pybullet's data package.
 
-The fitting file says what and where. The package stays where it is installed: meshes are named by
-their absolute paths in what is written.
+The fitting file says what and where. Its `joint_limits` take the place of the description's, joint
+by joint, for descriptions that have placeholders instead of the data sheet's values. The package
+stays where it is installed: meshes are named by their absolute paths in what is written.
 """
 
 from __future__ import annotations
@@ -23,9 +24,11 @@ KEYS = (
     "tool_links",
     "tool_position_m",
     "tool_rpy_rad",
+    "joint_limits",
 )
 NAMES = ("without_links", "tool_links")
 NUMBERS = ("tool_position_m", "tool_rpy_rad")
+LIMITS = ("velocity_rad_s", "effort_n_m")
 
 
 def fit(file: Path, out: Path) -> None:
@@ -45,6 +48,7 @@ def fit(file: Path, out: Path) -> None:
     for mesh in robot.iter("mesh"):
         path = mesh.get("filename", "").replace("package://", "")
         mesh.set("filename", str((package.parent / path).resolve()))
+    _set_limits(robot, file, values["joint_limits"])
     _put_on(robot, tool, file, values)
     out.parent.mkdir(parents=True, exist_ok=True)
     ElementTree.ElementTree(robot).write(out, encoding="utf-8", xml_declaration=True)
@@ -65,7 +69,10 @@ def _values(file: Path) -> dict:
     for key in KEYS:
         value = values[key]
         items = value if isinstance(value, list) else [value]
-        if key in NUMBERS:
+        if key == "joint_limits":
+            right = isinstance(value, dict) and all(map(_are_limits, value.values()))
+            expected = f"of each joint named the positive numbers {' and '.join(LIMITS)}"
+        elif key in NUMBERS:
             right = len(items) == 3 and all(isinstance(item, (int, float)) for item in items)
             expected = "three numbers"
         else:
@@ -75,6 +82,14 @@ def _values(file: Path) -> dict:
         if not right:
             raise BridgeError(f"{file}: `{key}`: expected {expected}, found {json.dumps(value)}")
     return values
+
+
+def _are_limits(value: object) -> bool:
+    return (
+        isinstance(value, dict)
+        and set(value) == set(LIMITS)
+        and all(isinstance(limit, (int, float)) and limit > 0 for limit in value.values())
+    )
 
 
 def _tree(urdf: Path, file: Path, key: str) -> ElementTree.Element:
@@ -102,6 +117,18 @@ def _take_off(robot: ElementTree.Element, file: Path, links: list[str]) -> None:
         name = element.get("name", "") if element.tag == "link" else _child(element)
         if name in links:
             robot.remove(element)
+
+
+def _set_limits(robot: ElementTree.Element, file: Path, limits: dict[str, dict]) -> None:
+    joints = {joint.get("name"): joint for joint in robot.findall("joint")}
+    for name, values in limits.items():
+        limit = joints[name].find("limit") if name in joints else None
+        if limit is None:
+            raise BridgeError(
+                f"{file}: `joint_limits`: expected joints of the package with <limit>, found {name}"
+            )
+        for attribute, key in zip(("velocity", "effort"), LIMITS):
+            limit.set(attribute, str(values[key]))
 
 
 def _put_on(

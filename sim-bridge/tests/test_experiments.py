@@ -1,7 +1,9 @@
-"""Scenarios, what the watch sees, verdicts, and the other arm."""
+"""Scenarios, what the watch sees, verdicts, and the other arms."""
 
+import json
 import math
 import re
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,14 +17,16 @@ from sim_bridge.experiments.page import page
 from sim_bridge.experiments.scenarios import GOALS, Ball, arm_bones, draw, may_be
 from sim_bridge.experiments.verdict import verdicts
 from sim_bridge.fit import fit
-from sim_bridge.kinematics import load_chain
+from sim_bridge.kinematics import forward, load_chain
 from sim_bridge.run import Options
 from sim_bridge.scene import load_scene
 from sim_bridge.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
-FITTING = ROOT / "config" / "robots" / "panda_suction.json"
-PANDA_CONFIG = ROOT / "config" / "controllers" / "panda_pick.ron"
+ARMS = {
+    "panda": tuple(f"panda_joint{k}" for k in range(1, 8)),
+    "iiwa": tuple(f"lbr_iiwa_joint_{k}" for k in range(1, 8)),
+}
 
 
 @pytest.fixture(scope="module")
@@ -167,56 +171,98 @@ def test_the_page_holds_failures_and_pictures():
     assert "http" not in html.replace("http://www.w3.org", "")
 
 
-@pytest.fixture(scope="module")
-def panda(tmp_path_factory):
-    out = tmp_path_factory.mktemp("robots") / "panda_suction.urdf"
-    fit(FITTING, out)
-    return out
+@pytest.fixture(scope="module", params=ARMS)
+def arm(request, tmp_path_factory):
+    """Another arm than the UR5: its name and its description, fitted with the tool."""
+    out = tmp_path_factory.mktemp("robots") / "arm.urdf"
+    fit(fitting(request.param), out)
+    return request.param, out
 
 
-def test_the_panda_carries_the_tool_in_place_of_its_hand(panda):
-    text = panda.read_text(encoding="utf-8")
-    assert "panda_finger_joint1" not in text
-    chain = load_chain(panda, "suction_tip")
-    assert chain.joint_names == tuple(f"panda_joint{k}" for k in range(1, 8))
+def fitting(name):
+    return ROOT / "config" / "robots" / f"{name}_suction.json"
 
 
-def test_a_fitting_with_an_unknown_link_is_refused_by_name(tmp_path):
+def test_an_arm_carries_the_tool_and_nothing_else(arm):
+    name, urdf = arm
+    assert load_chain(urdf, "suction_tip").joint_names == ARMS[name]
+    links = [link.get("name") for link in ElementTree.parse(urdf).getroot().findall("link")]
+    assert links[-2:] == ["suction_tool", "suction_tip"]
+    taken_off = json.loads(fitting(name).read_text(encoding="utf-8"))["without_links"]
+    assert not set(links) & set(taken_off)
+
+
+def test_limits_of_the_fitting_take_the_place_of_the_descriptions(tmp_path):
+    out = tmp_path / "arm.urdf"
+    fit(fitting("iiwa"), out)
+    chain = load_chain(out, "suction_tip")
+    limits = json.loads(fitting("iiwa").read_text(encoding="utf-8"))["joint_limits"]
+    for k, name in enumerate(chain.joint_names):
+        assert chain.velocity_max_rad_s[k] == limits[name]["velocity_rad_s"]
+        assert chain.effort_max_n_m[k] == limits[name]["effort_n_m"]
+    package = Path(pybullet_data.getDataPath()) / "kuka_iiwa" / "model.urdf"
+    own = load_chain(package, "lbr_iiwa_link_7")
+    assert np.all(chain.velocity_max_rad_s < own.velocity_max_rad_s)
+    assert np.array_equal(chain.position_max_rad, own.position_max_rad)
+
+
+@pytest.mark.parametrize(
+    ("arm_name", "found", "spoilt_by", "error"),
+    [
+        ("panda", '"panda_link8"', '"panda_link9"', r"flange_link.*panda_link9"),
+        ("iiwa", '"lbr_iiwa_joint_7"', '"joint_7"', r"joint_limits.*joint_7"),
+        ("iiwa", '"effort_n_m": 40.0', '"effort_n_m": -40.0', r"joint_limits.*positive"),
+        ("iiwa", '"effort_n_m": 40.0', '"effort": 40.0', r"joint_limits.*effort_n_m"),
+    ],
+)
+def test_a_spoilt_fitting_is_refused_by_name(tmp_path, arm_name, found, spoilt_by, error):
     spoilt = tmp_path / "fitting.json"
-    text = FITTING.read_text(encoding="utf-8")
-    urdf = (FITTING.parent / "ur5.urdf").resolve()
-    text = text.replace('"ur5.urdf"', f'"{urdf}"').replace('"panda_link8"', '"panda_link9"')
+    text = fitting(arm_name).read_text(encoding="utf-8")
+    urdf = (fitting(arm_name).parent / "ur5.urdf").resolve()
+    text = text.replace('"ur5.urdf"', f'"{urdf}"').replace(found, spoilt_by)
     spoilt.write_text(text, encoding="utf-8")
-    with pytest.raises(BridgeError, match=r"flange_link.*panda_link9"):
+    with pytest.raises(BridgeError, match=error):
         fit(spoilt, tmp_path / "out.urdf")
 
 
-def test_the_balls_of_the_panda_cover_the_hulls_of_its_meshes():
+def corners(mesh):
+    """Vertices of a mesh, Nx3."""
+    if mesh.suffix == ".obj":
+        lines = mesh.read_text(encoding="utf-8").splitlines()
+        return np.array([line.split()[1:4] for line in lines if line.startswith("v ")], float)
+    triangle = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+    triangles = np.frombuffer(mesh.read_bytes(), triangle, offset=84)
+    return triangles["corners"].reshape(-1, 3).astype(float)
+
+
+def test_the_balls_of_an_arm_cover_the_hulls_of_its_meshes(arm):
+    name, urdf = arm
+    config = ROOT / "config" / "controllers" / f"{name}_pick.ron"
     pattern = r'link: "(\w+)", position_m: \(([^)]*)\), radius_m: ([\d.]+)'
     balls = {}
-    for link, place, radius in re.findall(pattern, PANDA_CONFIG.read_text(encoding="utf-8")):
+    for link, place, radius in re.findall(pattern, config.read_text(encoding="utf-8")):
         centre = np.array([float(part) for part in place.split(",")])
         balls.setdefault(link, []).append((centre, float(radius)))
-    meshes = Path(pybullet_data.getDataPath()) / "franka_panda" / "meshes" / "collision"
     generator = np.random.default_rng(5)
-    for k in range(1, 8):
-        lines = (meshes / f"link{k}.obj").read_text(encoding="utf-8").splitlines()
-        corners = np.array(
-            [[float(p) for p in line.split()[1:4]] for line in lines if line.startswith("v ")]
-        )
-        chosen = corners[generator.integers(0, len(corners), (20000, 4))]
+    _, *links = ElementTree.parse(urdf).getroot().findall("link")
+    meshes = {link.get("name"): link.find("collision/geometry/mesh") for link in links}
+    meshes = {link: mesh.get("filename") for link, mesh in meshes.items() if mesh is not None}
+    assert len(meshes) == 7
+    for link, mesh in meshes.items():
+        shape = corners(Path(mesh))
+        chosen = shape[generator.integers(0, len(shape), (20000, 4))]
         inside = np.einsum("ij,ijk->ik", generator.dirichlet([0.4] * 4, 20000), chosen)
-        points = np.vstack([corners, inside])
-        own = balls[f"panda_link{k}"]
-        depth = np.max([r - np.linalg.norm(points - c, axis=1) for c, r in own], axis=0)
-        assert np.min(depth) > 0.0, f"link {k}: {1e3 * np.min(depth):.1f} mm"
+        points = np.vstack([shape, inside])
+        depth = np.max([r - np.linalg.norm(points - c, axis=1) for c, r in balls[link]], axis=0)
+        assert np.min(depth) > 0.0, f"{link}: {1e3 * np.min(depth):.1f} mm"
 
 
-def test_scene_of_the_panda_has_the_tool_where_the_ur5_has_it(panda, scene):
-    values = load_scene(ROOT / "config" / "scenes" / "pick_panda.json").robot
-    own = arm_bones(load_chain(panda, "suction_tip"), values.home_position_rad)[-1]
+def test_the_scene_of_an_arm_has_the_tool_where_the_ur5_has_it(arm, scene):
+    name, urdf = arm
+    values = load_scene(ROOT / "config" / "scenes" / f"pick_{name}.json").robot
+    own = forward(load_chain(urdf, "suction_tip"), np.array(values.home_position_rad))
     ur5 = load_chain(scene.robot.urdf, scene.robot.tip_link)
-    other = arm_bones(ur5, scene.robot.home_position_rad)[-1]
+    other = forward(ur5, np.array(scene.robot.home_position_rad))
     assert own == pytest.approx(other, abs=1e-3)
 
 

@@ -194,7 +194,7 @@ def run_job(job: Job) -> dict[str, object]:
             controller = subprocess.Popen(
                 [
                     *(job.controller, "run", job.config, "--model", job.model),
-                    *("--instance", name, "--summary", summary, "--lockstep", "--until-done"),
+                    *("--instance", name, "--summary", summary, "--lockstep"),
                 ],
                 stdout=log,
                 stderr=subprocess.STDOUT,

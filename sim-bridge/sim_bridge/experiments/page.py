@@ -11,6 +11,7 @@ GOOD, BAD, BALL, BOX, GOAL, INK = "#1b7f4b", "#b3261e", "#d98324", "#3b6fb6", "#
 TITLES = {
     "pick": "Picks: moving ball, pushes, box at rest or on a circle",
     "panda": "The same skill on another arm (Franka Panda)",
+    "iiwa": "The same skill on a third arm (KUKA LBR iiwa 14)",
     "adversarial": "Frames where no goal should be",
     "singular": "Near singularities",
 }

@@ -35,6 +35,7 @@ class Experiment:
 EXPERIMENTS = (
     Experiment("pick", "ur5", "pick.json", "ur5_pick.ron", 200, 16),
     Experiment("panda", "panda", "pick_panda.json", "panda_pick.ron", 50, 6),
+    Experiment("iiwa", "iiwa", "pick_iiwa.json", "iiwa_pick.ron", 50, 6),
     Experiment("adversarial", "ur5", "pick.json", "ur5_pick.ron", 36, 6),
     Experiment("singular", "ur5", "pick.json", "ur5_pick.ron", 32, 4),
 )

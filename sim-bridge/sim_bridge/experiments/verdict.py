@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from sim_bridge.experiments.episode import harms
 from sim_bridge.experiments.scenarios import GOALS
 
-PICKED_MIN = {"pick": 0.98, "panda": 0.95}
+PICKED_MIN = {"pick": 0.98, "panda": 0.95, "iiwa": 0.95}
 REPORTED = ("blocked", "unreachable")
 # A goal that jumps is always on its way; the robot may reach behind its base.
 NEED_A_REASON = tuple(kind for kind in GOALS if kind not in ("jumping by 1 m", "behind the base"))
