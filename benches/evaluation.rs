@@ -102,7 +102,7 @@ fn load<const N: usize>(controller: &str, model: &str) -> (Loaded, Chain<N>, Con
     let config = root().join("config/controllers").join(controller);
     let model = results::folder().join(model);
     assert!(model.exists(), "{} is missing: run `make bench`", model.display());
-    let loaded = startup::load(&config, &model, true).expect("the shipped files are valid");
+    let loaded = startup::load(&config, &[model], true).expect("the shipped files are valid");
     let (chain, points) = startup::robot::<N>(&config, &loaded.config).expect("a valid robot");
     (loaded, chain, points)
 }
@@ -283,7 +283,7 @@ fn promised(report: &mut Report<'_>) {
     let (loaded, chain, points) = load::<6>("ur5_pick.ron", "pick.model.ron");
     let q = SVector::from(POSITION);
     let frames = both(pick_frames, 0.001);
-    let policy = Policy::new(chain.clone(), loaded.skill.clone(), &points, &loaded.config);
+    let policy = Policy::new(chain.clone(), loaded.policies(), &points, &loaded.config);
     let settings = json!({ "components": 15, "frames": 2, "obstacles": 0, "joints": 6 });
     let name = "tick, default policy, both frames moving";
     report.row(name, [3.0, 1.0], &settings, tick(&policy, q, &frames, &[]));
@@ -293,7 +293,7 @@ fn promised(report: &mut Report<'_>) {
         assert!(config.joint_limits.is_some() && config.self_collision.is_some(), "the whole arm");
         let count = points.as_slice().len();
         let near = near_pairs(&chain, points, config, &crowd);
-        let policy = Policy::new(chain.clone(), loaded.skill.clone(), points, config);
+        let policy = Policy::new(chain.clone(), loaded.policies(), points, config);
         let settings = json!({ "components": 15, "frames": 2, "obstacles": 8, "joints": 6,
             "control_points": count, "near_pairs": near });
         let name = format!("tick, whole arm, {count} points × 8 obstacles, {near} near");
@@ -305,7 +305,7 @@ fn promised(report: &mut Report<'_>) {
     whole_arm(&points);
 
     let (loaded, ..) = load::<6>("ur5_pick.ron", "pick_thesis.model.ron");
-    let policy = Policy::new(chain.clone(), loaded.skill, &points, &loaded.config);
+    let policy = Policy::new(chain.clone(), loaded.policies(), &points, &loaded.config);
     let settings = json!({ "components": 15, "frames": 2, "obstacles": 0, "joints": 6 });
     let still = both(pick_frames, 0.0);
     let name = "tick, thesis policy, frames unchanged";
@@ -314,7 +314,7 @@ fn promised(report: &mut Report<'_>) {
     report.row(name, [10.0, 3.0], &settings, tick(&policy, q, &frames, &[]));
 
     let (loaded, plane, points) = load::<2>("planar.ron", "planar.model.ron");
-    let policy = Policy::new(plane, loaded.skill, &points, &loaded.config);
+    let policy = Policy::new(plane, loaded.policies(), &points, &loaded.config);
     let frames = both(planar_frames, 0.001);
     let settings = json!({ "components": 9, "frames": 2, "obstacles": 0, "joints": 2 });
     let name = "tick, default policy in the plane, frames moving";
@@ -339,14 +339,14 @@ fn growth(report: &mut Report<'_>) {
     let q = SVector::from(POSITION);
     let frames = both(pick_frames, 0.001);
     let config = &loaded.config;
-    let policy = |skill: SkillPolicy| Policy::new(chain.clone(), skill, &points, config);
+    let policy = |skill: SkillPolicy| Policy::new(chain.clone(), vec![skill], &points, config);
     let default = |count: usize| {
-        let model = with_components(&loaded.model, count);
+        let model = with_components(&loaded.skills[0].model, count);
         let policy = policy(model.policy().expect("what was a skill is one"));
         (count, measure(tick(&policy, q, &frames, &[])))
     };
     report.series("components, default policy", [5, 10, 15, 20, 30, 40, 50].map(default).into());
-    let whole = policy(loaded.model.policy().expect("a skill"));
+    let whole = policy(loaded.skills[0].model.policy().expect("a skill"));
     let crowded = |count: usize| {
         let crowd = obstacles(count);
         (count, measure(tick(&whole, q, &frames, &crowd)))
@@ -359,7 +359,7 @@ fn growth(report: &mut Report<'_>) {
     let (thesis, ..) = load::<6>("ur5_pick.ron", "pick_thesis.model.ron");
     let still = both(pick_frames, 0.0);
     let product = |components: usize, frames: &[Vec<FrameMotion>; 2]| {
-        let policy = policy(with_product(&thesis.skill, components, frames[0].len()));
+        let policy = policy(with_product(&thesis.skills[0].policy, components, frames[0].len()));
         measure(tick(&policy, q, frames, &[]))
     };
     let counts = [5, 10, 15, 20, 30, 40, 50];

@@ -25,9 +25,9 @@ fn policy<const N: usize>(controller: &str, model: &str) -> Policy<N> {
     let config = root.join("config/controllers").join(controller);
     let model = root.join("target/bench").join(model);
     assert!(model.exists(), "{} is missing: run `make bench`", model.display());
-    let loaded = startup::load(&config, &model, false).expect("the shipped files are valid");
+    let loaded = startup::load(&config, &[model], false).expect("the shipped files are valid");
     let (chain, points) = startup::robot::<N>(&config, &loaded.config).expect("a valid robot");
-    Policy::new(chain, loaded.skill, &points, &loaded.config)
+    Policy::new(chain, loaded.policies(), &points, &loaded.config)
 }
 
 /// A situation: joint positions, their speed, and that of the frames.

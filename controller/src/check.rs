@@ -1,10 +1,11 @@
 //! `controller check`: are the files right, and what does this machine lack for real time?
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use tprmp_messages::{SHARED_MEMORY_MIN_BYTES, free_shared_memory_bytes};
 use tprmp_model::controller_config::{self, ControllerConfig, Grant, RealTime};
+use tprmp_model::skill_model::SkillModel;
 use tprmp_robot::{Chain, ControlPoints, Ignored, SelfPairs};
 
 use crate::realtime;
@@ -15,35 +16,39 @@ use crate::startup::{self, StartError, WithRobot};
 ///
 /// # Errors
 /// The first thing that would keep the controller from starting.
-pub fn check(config_path: &Path, model_path: Option<&Path>) -> Result<(), StartError> {
+pub fn check(config_path: &Path, model_paths: &[PathBuf]) -> Result<(), StartError> {
     let config = controller_config::read(config_path)?;
     line("ok", "configuration", &config_path.display().to_string());
     startup::with_robot(config_path, &config, Describe { config_path, config: &config })?;
-    if let Some(path) = model_path {
-        let loaded = startup::load(config_path, path, true)?;
-        let model = &loaded.model;
-        let text = format!(
-            "{}: skill `{}` on {} from `{}` to `{}`, {} Gaussians",
-            path.display(),
-            model.skill,
-            model.manifold,
-            model.start_frame,
-            model.goal_frame,
-            model.gaussians.len(),
-        );
-        line("ok", "model", &text);
-        let certificate = &model.certificate;
-        match certificate.failures.first() {
-            None => line("ok", "certificate", "holds"),
-            Some(failure) => line(
-                "lack",
-                "certificate",
-                &format!("{failure}: it is run with --allow-uncertified only"),
-            ),
+    if !model_paths.is_empty() {
+        let loaded = startup::load(config_path, model_paths, true)?;
+        for (path, skill) in model_paths.iter().zip(&loaded.skills) {
+            describe_model(path, &skill.model);
         }
     }
     check_machine(&config);
     Ok(())
+}
+
+fn describe_model(path: &Path, model: &SkillModel) {
+    let text = format!(
+        "{}: skill `{}` on {} from `{}` to `{}`, {} Gaussians",
+        path.display(),
+        model.skill,
+        model.manifold,
+        model.start_frame,
+        model.goal_frame,
+        model.gaussians.len(),
+    );
+    line("ok", "model", &text);
+    match model.certificate.failures.first() {
+        None => line("ok", "certificate", "holds"),
+        Some(failure) => line(
+            "lack",
+            "certificate",
+            &format!("{failure}: it is run with --allow-uncertified only"),
+        ),
+    }
 }
 
 fn line(verdict: &str, what: &str, text: &str) {
@@ -106,7 +111,10 @@ fn list_pairs<const N: usize>(chain: &Chain<N>, pairs: &SelfPairs) {
     for (one, other, why) in &pairs.ignored {
         let why = match why {
             Ignored::Adjacent => "neighbours",
-            Ignored::Touching => "they touch in nearly every posture",
+            Ignored::Touching => {
+                "they touch in nearly every posture: where they could collide, `robot.working_range` has to keep \
+                 the joints between them from it"
+            }
             Ignored::Exempt => "exempt",
         };
         let text = format!("{} and {} are not watched: {why}", name(*one), name(*other));

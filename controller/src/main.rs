@@ -43,7 +43,7 @@ enum Command {
         config: PathBuf,
         /// Model that `learner train` wrote.
         #[arg(long)]
-        model: Option<PathBuf>,
+        model: Vec<PathBuf>,
     },
     /// Show how a running controller is doing: its state, counters and the times of its ticks.
     ///
@@ -68,9 +68,10 @@ enum Command {
 struct RunArguments {
     /// Configuration, e.g. config/controllers/ur5_pick.ron.
     config: PathBuf,
-    /// Model that `learner train` wrote.
-    #[arg(long)]
-    model: PathBuf,
+    /// Model that `learner train` wrote. Given again for each entry of `skills_beside`: the skills act
+    /// together, and the first is the task.
+    #[arg(long, required = true)]
+    model: Vec<PathBuf>,
     /// Name that publisher and controller share.
     #[arg(long, default_value = "default")]
     instance: String,
@@ -117,7 +118,7 @@ struct SoakArguments {
 fn main() -> ExitCode {
     let result = match Arguments::parse().command {
         Command::Run(arguments) => run(&arguments),
-        Command::Check { config, model } => check::check(&config, model.as_deref()),
+        Command::Check { config, model } => check::check(&config, &model),
         Command::Top { instance, once } => top::top(&instance, once),
         Command::Soak(arguments) => soak(arguments),
         Command::Layout => {
@@ -168,11 +169,17 @@ impl WithRobot for Run<'_> {
             startup::try_summary(path)?;
         }
         let real_time = loaded.config.real_time.clone();
-        let failures = loaded.model.certificate.failures.len();
-        if failures > 0 {
-            eprintln!("controller: this model fails its certificate in {failures} points");
+        for skill in &loaded.skills {
+            let (name, failures) = (&skill.model.skill, &skill.model.certificate.failures);
+            if !failures.is_empty() {
+                let count = failures.len();
+                eprintln!(
+                    "controller: the model of `{name}` fails its certificate in {count} points"
+                );
+            }
         }
-        let skill = loaded.model.skill.clone();
+        let names: Vec<_> =
+            loaded.skills.iter().map(|skill| format!("`{}`", skill.model.skill)).collect();
         let mut cycle =
             startup::cycle::<N>(&arguments.config, loaded, pace, arguments.until_done, &instance)?;
         // After the ports exist, so that nothing replaces the handlers.
@@ -183,7 +190,8 @@ impl WithRobot for Run<'_> {
                 .map_err(StartError::Signals)?;
         }
         eprintln!(
-            "controller: skill `{skill}`, {N} joints, instance `{}`: waiting for state and frames",
+            "controller: skill {}, {N} joints, instance `{}`: waiting for state and frames",
+            names.join(" with "),
             instance.name()
         );
         // Before the loop's priority is set, which a thread would inherit.

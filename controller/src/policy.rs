@@ -4,7 +4,7 @@ use core::cell::Cell;
 use core::ops::Range;
 
 use glam::DVec3;
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector6};
 use tprmp_model::controller_config::{Collision, ControllerConfig, ExemptObstacle, Exemption};
 use tprmp_rmpflow::avoidance::{Body, Part, PointMotion, add_clearance};
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
@@ -27,14 +27,32 @@ use crate::standstill::Surroundings;
 #[derive(Debug)]
 pub struct Policy<const N: usize> {
     chain: Chain<N>,
-    skill: SkillPolicy,
-    inertia: SkillInertia,
-    governor: SpeedGovernor,
+    /// At least one; the first is the task.
+    skills: Vec<SkillLeaf>,
+    attractor: Option<PoseAttractor>,
     approach: Option<ApproachFunnel>,
     lift: Option<PoseAttractor>,
     points: Vec<AvoidingPoint>,
     parts: Vec<LinkPart>,
     tree: Tree<N>,
+}
+
+/// A learned skill as a leaf on the tool.
+#[derive(Debug)]
+struct SkillLeaf {
+    policy: SkillPolicy,
+    /// Which of the scene's frames are its own, in its order.
+    frames: Range<usize>,
+    inertia: SkillInertia,
+    governor: SpeedGovernor,
+}
+
+/// What a skill needs between ticks.
+#[derive(Debug, Default)]
+struct SkillState {
+    state: PolicyState,
+    /// Of the last evaluation, if it was followed.
+    value: Option<SkillValue>,
 }
 
 #[derive(Debug)]
@@ -79,13 +97,11 @@ impl LinkPart {
 pub struct Workspace<const N: usize> {
     /// Kinematics of the last evaluation.
     pub kinematics: Kinematics<N>,
-    skill: PolicyState,
+    skills: Vec<SkillState>,
     tree: TreeState<N>,
     part_centres: Vec<DVec3>,
     centres: OnDemand<DVec3>,
     motions: OnDemand<PointMotion<N>>,
-    /// Of the last evaluation of the skill.
-    value: Option<SkillValue>,
 }
 
 /// A value for each control point, computed when it is first asked for.
@@ -197,9 +213,9 @@ pub enum Task {
 /// The task parameters of a tick.
 #[derive(Debug, Clone, Copy)]
 pub struct TaskParameters<'a> {
-    /// The skill's frames, in its order.
+    /// The frames of all skills, one skill after the other.
     pub frames: &'a [FrameMotion],
-    /// Which of them the goal is fixed to.
+    /// Which of them the goal of the first skill is fixed to.
     pub goal_frame: usize,
     /// What to keep away from.
     pub obstacles: &'a [Obstacle],
@@ -214,42 +230,61 @@ pub struct Decision<const N: usize> {
     pub acceleration: SVector<f64, N>,
     /// Pose of the tool.
     pub tool: Pose,
-    /// Goal of the skill as the frames are now.
+    /// Goal of the first skill as the frames are now.
     pub goal: Pose,
-    /// V of the skill \[J\].
+    /// V of the skills \[J\].
     pub energy: f64,
     /// How near obstacles and the arm itself are, and whether it presses on one.
     pub surroundings: Surroundings,
 }
 
 impl<const N: usize> Workspace<N> {
-    /// Forgets how far the skill is on its way: it goes on from where the tool is.
+    /// Forgets how far the skills are on their way: they go on from where the tool is.
     pub fn restart(&mut self) {
-        self.skill.restart();
-        self.value = None;
+        for skill in &mut self.skills {
+            skill.state.restart();
+            skill.value = None;
+        }
     }
 
-    /// Lets the skill that was evaluated last go on for `dt_s` with the joint accelerations that the arm
+    /// Lets the skills that were evaluated last go on for `dt_s` with the joint accelerations that the arm
     /// gets \[rad/s² or m/s²\], limits included. Where the tool only reaches for a pose nothing goes on.
     pub fn advance(&mut self, acceleration: &SVector<f64, N>, dt_s: f64) {
-        if let Some(value) = self.value.take() {
-            let tool = self.kinematics.tool_jacobian * acceleration + self.kinematics.tool_jd_qd;
-            let linear = DVec3::new(tool[0], tool[1], tool[2]);
-            let angular = DVec3::new(tool[3], tool[4], tool[5]);
-            self.skill.advance(&value, linear, angular, dt_s);
+        let tool = self.kinematics.tool_jacobian * acceleration + self.kinematics.tool_jd_qd;
+        let (linear, angular) = split(&tool);
+        for skill in &mut self.skills {
+            if let Some(value) = skill.value.take() {
+                skill.state.advance(&value, linear, angular, dt_s);
+            }
         }
     }
 }
 
 impl<const N: usize> Policy<N> {
     /// Builds the policy. Allocates: at start-up only.
+    ///
+    /// * `skills`  the first is the task; the others speak beside it, and there are as many of them as
+    ///   `config.skills_beside`
+    ///
+    /// # Panics
+    /// When there are not.
     #[must_use]
     pub fn new(
         chain: Chain<N>,
-        skill: SkillPolicy,
+        skills: Vec<SkillPolicy>,
         control_points: &ControlPoints,
         config: &ControllerConfig,
     ) -> Self {
+        assert_eq!(skills.len(), 1 + config.skills_beside.len(), "a leaf for each skill");
+        let mut first = 0;
+        let leaves = core::iter::once(&config.skill).chain(&config.skills_beside);
+        let skills = skills.into_iter().zip(leaves).map(|(policy, leaf)| {
+            let frames = first..first + policy.frame_count();
+            first = frames.end;
+            let (inertia, governor) = (leaf.inertia(), leaf.governor.governor());
+            SkillLeaf { policy, frames, inertia, governor }
+        });
+        let skills = skills.collect();
         let avoids = config.collision.is_some();
         let points = control_points.as_slice().iter().map(|point| {
             let link = &chain.moving_links()[point.link].0;
@@ -270,11 +305,10 @@ impl<const N: usize> Policy<N> {
             points,
             tree: tree(&chain, control_points, config),
             chain,
-            skill,
-            inertia: config.skill.inertia(),
-            governor: config.skill.governor.governor(),
+            skills,
+            attractor: config.goal_attractor.map(|attractor| attractor.leaf()),
             approach: config.approach.map(|approach| approach.leaf()),
-            lift: config.lift.map(|lift| lift.leaf()),
+            lift: config.lift.map(|lift| lift.attractor.leaf()),
         }
     }
 
@@ -284,12 +318,11 @@ impl<const N: usize> Policy<N> {
         let count = self.points.len();
         Workspace {
             kinematics: Kinematics::new(),
-            skill: PolicyState::default(),
+            skills: self.skills.iter().map(|_| SkillState::default()).collect(),
             tree: TreeState::default(),
             part_centres: vec![DVec3::NAN; self.parts.len()],
             centres: OnDemand::new(count, DVec3::NAN),
             motions: OnDemand::new(count, PointMotion::UNDEFINED),
-            value: None,
         }
     }
 
@@ -299,10 +332,33 @@ impl<const N: usize> Policy<N> {
         &self.chain
     }
 
-    /// Whether the skill leads the orientation too.
+    /// Whether the first skill leads the orientation too.
     #[must_use]
     pub fn turns(&self) -> bool {
-        self.skill.turns()
+        self.skills[0].policy.turns()
+    }
+
+    /// What the learned skills want of the tool, within their speeds: M ẍ = f on \[linear; angular\],
+    /// and V \[J\]. They keep what they were evaluated to.
+    fn learned(
+        &self,
+        frames: &[FrameMotion],
+        tool: &Pose,
+        twist: &Vector6<f64>,
+        states: &mut [SkillState],
+    ) -> (Natural<6>, f64) {
+        let (linear, angular) = split(twist);
+        let (mut sum, mut energy) = (Natural::zero(), 0.0);
+        for (leaf, skill) in self.skills.iter().zip(states) {
+            // Too few frames give what is not finite, which is refused in the end.
+            let own = frames.get(leaf.frames.clone()).unwrap_or_default();
+            let state = &mut skill.state;
+            let value = leaf.policy.evaluate(&leaf.inertia, own, tool, linear, angular, state);
+            sum.add(&leaf.governor.govern(&value.natural, twist));
+            energy += value.energy;
+            skill.value = Some(value);
+        }
+        (sum, energy)
     }
 
     /// Evaluates the policy  [thesis algorithm 4.1]: pushforward, leaves, pullback, resolve.
@@ -326,26 +382,30 @@ impl<const N: usize> Policy<N> {
         let tool =
             Pose { position: kinematics.tool_position, orientation: kinematics.tool_orientation() };
         let twist = &kinematics.tool_twist;
-        let linear = DVec3::new(twist[0], twist[1], twist[2]);
-        let angular = DVec3::new(twist[3], twist[4], twist[5]);
+        let (linear, angular) = split(twist);
 
-        let state = &mut workspace.skill;
         let frames = parameters.frames;
-        let value = self.skill.evaluate(&self.inertia, frames, &tool, linear, angular, state);
-        let goal = self.skill.goal(frames, state);
-        workspace.value = matches!(task, Task::Skill).then_some(value);
-        let (leaf, energy) = match (task, &self.lift) {
-            (Task::Reach(goal), Some(lift)) => (
-                lift.evaluate(&tool, linear, angular, goal),
-                (tool.position - goal.position).length(),
-            ),
-            _ => (self.governor.govern(&value.natural, twist), value.energy),
+        let goal_frame = frames.get(parameters.goal_frame);
+        let (mut leaf, learned_energy) = self.learned(frames, &tool, twist, &mut workspace.skills);
+        let own = frames.get(self.skills[0].frames.clone()).unwrap_or_default();
+        let goal = self.skills[0].policy.goal(own, &mut workspace.skills[0].state);
+        let energy = match (task, &self.lift) {
+            (Task::Reach(goal), Some(lift)) => {
+                workspace.skills.iter_mut().for_each(|skill| skill.value = None);
+                leaf = lift.evaluate(&tool, linear, angular, goal);
+                (tool.position - goal.position).length()
+            }
+            _ => {
+                if let (Some(attractor), Some(frame)) = (&self.attractor, goal_frame) {
+                    let moving = frame.carrying(&frame.pose.inverse().compose(&goal));
+                    leaf.add(&attractor.towards(&tool, linear, angular, &moving));
+                }
+                learned_energy
+            }
         };
         let mut root = Natural::<N>::zero();
         root.add_pullback(&leaf, &kinematics.tool_jacobian, &kinematics.tool_jd_qd);
-        if let (Task::Skill, Some(funnel), Some(frame)) =
-            (task, &self.approach, frames.get(parameters.goal_frame))
-        {
+        if let (Task::Skill, Some(funnel), Some(frame)) = (task, &self.approach, goal_frame) {
             let clearance = funnel.clearance(tool.position, linear, goal.position, frame);
             let motion = PointMotion {
                 position: tool.position,
@@ -384,14 +444,15 @@ impl<const N: usize> Policy<N> {
             dt,
             &mut workspace.tree,
         )?;
-        workspace.skill.press(resolved.nearness.pressing);
+        let pressing = resolved.nearness.pressing;
+        workspace.skills.iter_mut().for_each(|skill| skill.state.press(pressing));
         Ok(Decision {
             acceleration: resolved.acceleration,
             tool,
             goal,
-            energy: value.energy,
+            energy: learned_energy,
             surroundings: Surroundings {
-                pressing: resolved.nearness.pressing,
+                pressing,
                 clearance_min_m: resolved
                     .nearness
                     .clearance_min_m
@@ -399,6 +460,11 @@ impl<const N: usize> Policy<N> {
             },
         })
     }
+}
+
+/// \[linear; angular\].
+fn split(twist: &Vector6<f64>) -> (DVec3, DVec3) {
+    (DVec3::new(twist[0], twist[1], twist[2]), DVec3::new(twist[3], twist[4], twist[5]))
 }
 
 /// The leaves beside the task, from the configuration.

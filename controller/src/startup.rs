@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
-use tprmp_messages::{ControllerPorts, Instance, ServiceError, name_bytes};
+use tprmp_messages::{ControllerPorts, FRAME_CAPACITY, Instance, ServiceError, name_bytes};
 use tprmp_model::controller_config::{self, ConfigError, ControlPoint, ControllerConfig};
 use tprmp_model::skill_model::{self, ModelError, SkillModel};
 use tprmp_rmpflow::policy::Policy as SkillPolicy;
@@ -90,6 +90,31 @@ pub enum StartError {
         /// Dimension of the skill.
         dimension: usize,
     },
+    /// More or fewer models than leaves for them.
+    #[error(
+        "configuration `{config}`, key `skills_beside`: it has {expected} entries, so that {} are \
+         expected (`--model` once for each), found {found}",
+        if *expected == 0 { "one model".into() } else { format!("{} models", expected + 1) }
+    )]
+    Models {
+        /// The configuration.
+        config: PathBuf,
+        /// Entries of the key.
+        expected: usize,
+        /// Models.
+        found: usize,
+    },
+    /// More frames than a message carries.
+    #[error(
+        "configuration `{config}`, key `skills_beside`: expected models of at most {FRAME_CAPACITY} \
+         frames together, found {found}"
+    )]
+    Frames {
+        /// The configuration.
+        config: PathBuf,
+        /// Frames of all models.
+        found: usize,
+    },
     /// The configuration leaves a joint no room.
     #[error(
         "configuration `{config}`, keys `robot.position_margin` and `robot.working_range`: expected \
@@ -150,28 +175,43 @@ pub enum StartError {
     },
 }
 
+/// A skill as it was learned, and in the form in which it is evaluated.
+#[derive(Debug)]
+pub struct LoadedSkill {
+    /// The model.
+    pub model: SkillModel,
+    /// The policy of the model.
+    pub policy: SkillPolicy,
+}
+
 /// Everything a run needs, validated.
 #[derive(Debug)]
 pub struct Loaded {
     /// The configuration.
     pub config: ControllerConfig,
-    /// The model.
-    pub model: SkillModel,
-    /// The skill in the form in which it is evaluated.
-    pub skill: SkillPolicy,
+    /// The skills; the first is the task.
+    pub skills: Vec<LoadedSkill>,
 }
 
-/// Reads and validates configuration and model, and checks that they fit. A model that failed its
-/// certificate is refused, unless `allow_uncertified`.
+impl Loaded {
+    /// The policies of the skills, for [`Policy::new`].
+    #[must_use]
+    pub fn policies(&self) -> Vec<SkillPolicy> {
+        self.skills.iter().map(|skill| skill.policy.clone()).collect()
+    }
+}
+
+/// Reads and validates configuration and models, the task's first, and checks that they fit. A model
+/// that failed its certificate is refused, unless `allow_uncertified`.
 ///
 /// # Errors
 /// [`StartError`]; nothing has moved.
 pub fn load(
     config_path: &Path,
-    model_path: &Path,
+    model_paths: &[impl AsRef<Path>],
     allow_uncertified: bool,
 ) -> Result<Loaded, StartError> {
-    load_with(config_path, |_| {}, model_path, allow_uncertified)
+    load_with(config_path, |_| {}, model_paths, allow_uncertified)
 }
 
 /// As [`load`], with a configuration that `edit` changes.
@@ -181,10 +221,38 @@ pub fn load(
 pub fn load_with(
     config_path: &Path,
     edit: impl FnOnce(&mut ControllerConfig),
-    model_path: &Path,
+    model_paths: &[impl AsRef<Path>],
     allow_uncertified: bool,
 ) -> Result<Loaded, StartError> {
     let config = controller_config::read_with(config_path, edit)?;
+    if model_paths.len() != 1 + config.skills_beside.len() {
+        return Err(StartError::Models {
+            config: config_path.into(),
+            expected: config.skills_beside.len(),
+            found: model_paths.len(),
+        });
+    }
+    let load = |path: &_| load_skill(config_path, &config, AsRef::as_ref(path), allow_uncertified);
+    let skills: Vec<_> = model_paths.iter().map(load).collect::<Result<_, _>>()?;
+    let frames: usize = skills.iter().map(|skill| skill.policy.frame_count()).sum();
+    if frames > FRAME_CAPACITY {
+        return Err(StartError::Frames { config: config_path.into(), found: frames });
+    }
+    let joints = config.robot.joints.len();
+    let dimension = skills.iter().map(|skill| skill.model.manifold.dimension()).max().unwrap_or(0);
+    if dimension < joints && config.joint_damping.inertia <= 0.0 {
+        return Err(StartError::Undetermined { config: config_path.into(), joints, dimension });
+    }
+    Ok(Loaded { config, skills })
+}
+
+/// Reads a model and checks that it fits the configuration.
+fn load_skill(
+    config_path: &Path,
+    config: &ControllerConfig,
+    model_path: &Path,
+    allow_uncertified: bool,
+) -> Result<LoadedSkill, StartError> {
     let model = skill_model::read(model_path)?;
     if let (Some(first), false) = (model.certificate.failures.first(), allow_uncertified) {
         return Err(StartError::Uncertified { model: model_path.into(), failure: first.clone() });
@@ -204,18 +272,11 @@ pub fn load_with(
         ));
     }
     let joints = config.robot.joints.len();
-    if model.manifold.dimension() < joints && config.joint_damping.inertia <= 0.0 {
-        return Err(StartError::Undetermined {
-            config: config_path.into(),
-            joints,
-            dimension: model.manifold.dimension(),
-        });
-    }
     if model.manifold.dimension() > joints {
         return Err(mismatch(
             "manifold",
             format!("{} of dimension {}", model.manifold, model.manifold.dimension()),
-            format!("{} joints", config.robot.joints.len()),
+            format!("{joints} joints"),
         ));
     }
     for name in model.frames.iter().map(|frame| &frame.name) {
@@ -227,10 +288,10 @@ pub fn load_with(
             ));
         }
     }
-    let skill = model.policy().map_err(|error| {
+    let policy = model.policy().map_err(|error| {
         mismatch("policy", format!("a policy where {error}"), "a loop that evaluates it".into())
     })?;
-    Ok(Loaded { config, model, skill })
+    Ok(LoadedSkill { model, policy })
 }
 
 /// The robot of a configuration.
@@ -334,14 +395,18 @@ pub fn cycle<const N: usize>(
     until_done: bool,
     instance: &Instance,
 ) -> Result<Cycle<N>, StartError> {
-    let Loaded { config, model, skill } = loaded;
+    let policies = loaded.policies();
+    let Loaded { config, skills } = loaded;
     let (chain, points) = robot::<N>(config_path, &config)?;
-    let frame_count = skill.frame_count();
-    let policy = Policy::new(chain, skill, &points, &config);
+    let policy = Policy::new(chain, policies, &points, &config);
     let frame_name = |name: &str| name_bytes(name).expect("checked by `load`");
-    let names = model.frames.iter().map(|frame| frame_name(&frame.name));
-    let goal_frame = usize::from(model.goal_frame != model.start_frame);
-    let scene = Scene::new(names.take(frame_count).collect(), goal_frame);
+    let names = skills.iter().flat_map(|skill| {
+        let frames = skill.model.frames.iter().take(skill.policy.frame_count());
+        frames.map(|frame| frame_name(&frame.name))
+    });
+    let task = &skills[0].model;
+    let goal_frame = usize::from(task.goal_frame != task.start_frame);
+    let scene = Scene::new(names.collect(), goal_frame);
     let ports: ControllerPorts = instance.open_controller()?;
     Ok(Cycle::new(policy, scene, config, pace, until_done, ports))
 }

@@ -144,17 +144,20 @@ impl Course {
 mod tests {
     use super::*;
     use glam::DQuat;
+    use tprmp_model::controller_config::Attractor;
 
     const DONE: Done = Done { distance_m: 0.01, angle_rad: 0.05 };
     const LIFT: Lift = Lift {
         grip_distance_m: 0.005,
         grip_angle_rad: 0.05,
         height_m: 0.1,
-        linear_inertia_kg: 1.0,
-        angular_inertia_kg_m2: 0.1,
-        stiffness_1_s2: 30.0,
-        damping_1_s: 10.0,
-        saturation_m: 0.05,
+        attractor: Attractor {
+            linear_inertia_kg: 1.0,
+            angular_inertia_kg_m2: 0.1,
+            stiffness_1_s2: 30.0,
+            damping_1_s: 10.0,
+            saturation_m: 0.05,
+        },
     };
 
     fn at(x: f64, z: f64) -> Pose {

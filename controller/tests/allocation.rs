@@ -164,7 +164,7 @@ fn run(
 ) -> Outcome {
     let instance = Instance::new(&format!("{name}-{}", std::process::id())).unwrap();
     let config_path = file(setting.config);
-    let loaded = startup::load_with(&config_path, edit, &file(setting.model), false).unwrap();
+    let loaded = startup::load_with(&config_path, edit, &[file(setting.model)], false).unwrap();
     let mut publisher = Publisher::new(setting, &instance, pace);
     let stop = Arc::new(AtomicBool::new(false));
     let work =

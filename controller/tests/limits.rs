@@ -156,9 +156,9 @@ proptest! {
             config.impedance.stiffness_1_s2 = gains[4];
             config.impedance.damping_1_s = gains[5];
         };
-        let loaded = startup::load_with(&config_path, edit, &model, false).unwrap();
+        let loaded = startup::load_with(&config_path, edit, &[model], false).unwrap();
         let (chain, points) = startup::robot::<N>(&config_path, &loaded.config).unwrap();
-        let policy = Policy::new(chain, loaded.skill, &points, &loaded.config);
+        let policy = Policy::new(chain, loaded.policies(), &points, &loaded.config);
         let chain = policy.chain();
         let limits = JointLimits::new(chain, &loaded.config.robot);
         let mut motion = Motion::new(limits, &loaded.config);

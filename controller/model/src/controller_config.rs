@@ -13,9 +13,9 @@ use tprmp_robot::Selection;
 mod leaves;
 
 pub use leaves::{
-    Approach, Avoidance, Collision, ExemptObstacle, Exemption, Extent, Governor, JointDampingLeaf,
-    JointLimitLeaf, JointSpeedLeaf, Lift, PostureLeaf, SelfCollision, SkillLeaf, Steering,
-    SteeringSide,
+    Approach, Attractor, Avoidance, Collision, ExemptObstacle, Exemption, Extent, Governor,
+    JointDampingLeaf, JointLimitLeaf, JointSpeedLeaf, Lift, PostureLeaf, SelfCollision, SkillLeaf,
+    Steering, SteeringSide,
 };
 
 /// Why a configuration was refused.
@@ -244,8 +244,12 @@ pub struct ControllerConfig {
     pub cycle: Loop,
     /// Accelerations of frames.
     pub frame_observer: FrameObserver,
-    /// The skill's leaf.
+    /// The leaf of the skill that is the task.
     pub skill: SkillLeaf,
+    /// Leaves of skills beside it, one for each further model.
+    pub skills_beside: Vec<SkillLeaf>,
+    /// Draws the tool to the goal of the task beside the skills; `None` leaves that to them.
+    pub goal_attractor: Option<Attractor>,
     /// Joint damping.
     pub joint_damping: JointDampingLeaf,
     /// Position limits of the joints as a leaf; `None` leaves them to the final limits alone.
@@ -387,6 +391,24 @@ impl Check<'_> {
         self.not_negative(&key("damping_1_s"), leaf.damping_1_s);
     }
 
+    fn skill(&mut self, group: &str, leaf: &SkillLeaf) {
+        let key = |name: &str| format!("{group}.{name}");
+        self.positive(&key("linear_inertia_kg"), leaf.linear_inertia_kg);
+        self.positive(&key("angular_inertia_kg_m2"), leaf.angular_inertia_kg_m2);
+        self.positive(&key("governor.linear_max_m_s"), leaf.governor.linear_max_m_s);
+        self.positive(&key("governor.angular_max_rad_s"), leaf.governor.angular_max_rad_s);
+        self.positive(&key("governor.response_1_s"), leaf.governor.response_1_s);
+    }
+
+    fn attractor(&mut self, group: &str, leaf: &Attractor) {
+        let key = |name: &str| format!("{group}.{name}");
+        self.positive(&key("linear_inertia_kg"), leaf.linear_inertia_kg);
+        self.not_negative(&key("angular_inertia_kg_m2"), leaf.angular_inertia_kg_m2);
+        self.positive(&key("stiffness_1_s2"), leaf.stiffness_1_s2);
+        self.positive(&key("damping_1_s"), leaf.damping_1_s);
+        self.positive(&key("saturation_m"), leaf.saturation_m);
+    }
+
     fn share(&mut self, key: &str, value: f64) {
         if !(value > 0.0 && value <= 1.0) {
             self.fail(key, "a share above 0 and at most 1", &value);
@@ -460,14 +482,12 @@ impl ControllerConfig {
             "frame_observer.angular_acceleration_max_rad_s2",
             observer.angular_acceleration_max_rad_s2,
         );
-        check.positive("skill.linear_inertia_kg", self.skill.linear_inertia_kg);
-        check.positive("skill.angular_inertia_kg_m2", self.skill.angular_inertia_kg_m2);
+        check.skill("skill", &self.skill);
+        for (i, skill) in self.skills_beside.iter().enumerate() {
+            check.skill(&format!("skills_beside[{i}]"), skill);
+        }
         check.not_negative("joint_damping.inertia", self.joint_damping.inertia);
         check.not_negative("joint_damping.damping_1_s", self.joint_damping.damping_1_s);
-        let governor = &self.skill.governor;
-        check.positive("skill.governor.linear_max_m_s", governor.linear_max_m_s);
-        check.positive("skill.governor.angular_max_rad_s", governor.angular_max_rad_s);
-        check.positive("skill.governor.response_1_s", governor.response_1_s);
         if let Some(limits) = &self.joint_limits {
             check.positive("joint_limits.activation_distance", limits.activation_distance);
             check.positive("joint_limits.distance_min", limits.distance_min);
@@ -545,15 +565,14 @@ impl ControllerConfig {
             check.positive("approach.width_m", approach.width_m);
             check.avoidance("approach.avoidance", &approach.avoidance);
         }
+        if let Some(attractor) = &self.goal_attractor {
+            check.attractor("goal_attractor", attractor);
+        }
         if let Some(lift) = &self.lift {
             check.positive("lift.grip_distance_m", lift.grip_distance_m);
             check.positive("lift.grip_angle_rad", lift.grip_angle_rad);
             check.positive("lift.height_m", lift.height_m);
-            check.positive("lift.linear_inertia_kg", lift.linear_inertia_kg);
-            check.positive("lift.angular_inertia_kg_m2", lift.angular_inertia_kg_m2);
-            check.positive("lift.stiffness_1_s2", lift.stiffness_1_s2);
-            check.positive("lift.damping_1_s", lift.damping_1_s);
-            check.positive("lift.saturation_m", lift.saturation_m);
+            check.attractor("lift.attractor", &lift.attractor);
         }
         check.positive("done.distance_m", self.done.distance_m);
         check.positive("done.angle_rad", self.done.angle_rad);
@@ -665,6 +684,18 @@ mod tests {
             ("extent: NearAxis(0.15)", "extent: NearAxis(-0.15)", "collision.exempt, NearAxis"),
             ("extent: Above(0.015)", "extent: Above(0.005)", "collision.exempt, Above"),
             ("margin_m: 0.0,", "margin_m: -0.005,", "self_collision.margin_m"),
+            (
+                "skills_beside: []",
+                "skills_beside: [(linear_inertia_kg: 1.0, angular_inertia_kg_m2: 0.0, governor: \
+                 (linear_max_m_s: 1.0, angular_max_rad_s: 1.0, response_1_s: 8.0))]",
+                "skills_beside[0].angular_inertia_kg_m2",
+            ),
+            (
+                "goal_attractor: None",
+                "goal_attractor: Some((linear_inertia_kg: 1.0, angular_inertia_kg_m2: 0.1, \
+                 stiffness_1_s2: 9.0, damping_1_s: 6.0, saturation_m: 0.0))",
+                "goal_attractor.saturation_m",
+            ),
             ("\"elbow_joint\": (", "\"elbow\": (", "robot.working_range"),
             ("\"elbow_joint\": (0.1", "\"elbow_joint\": (3.0", "robot.working_range"),
         ];

@@ -166,6 +166,23 @@ impl PoseAttractor {
         natural.metric.fixed_view_mut::<3, 3>(3, 3).copy_from(&angular_metric);
         natural
     }
+
+    /// The leaf towards a goal that moves: spring and damping act on the motion relative to it, and
+    /// the goal's acceleration is asked for, so that a pose on the goal stays there.
+    #[must_use]
+    pub fn towards(
+        &self,
+        pose: &Pose,
+        linear: DVec3,
+        angular: DVec3,
+        goal: &FrameMotion,
+    ) -> Natural<6> {
+        let relative = (linear - goal.linear_velocity, angular - goal.angular_velocity);
+        let mut natural = self.evaluate(pose, relative.0, relative.1, &goal.pose);
+        let (a, b) = (goal.linear_acceleration, goal.angular_acceleration);
+        natural.force += natural.metric * Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z);
+        natural
+    }
 }
 
 /// Damping in joint space: M = m I, f = −d m q̇. It keeps the root's metric positive definite near
@@ -238,6 +255,36 @@ mod tests {
             let natural = LEAF.evaluate(distance, 0.0).unwrap();
             assert!(natural.force[0] > 0.0 && natural.force[0].is_finite());
         }
+    }
+
+    #[test]
+    fn attractor_lets_a_pose_on_a_moving_goal_go_with_it() {
+        let attractor = PoseAttractor {
+            linear_inertia_kg: 2.0,
+            angular_inertia_kg_m2: 0.3,
+            stiffness_1_s2: 20.0,
+            damping_1_s: 9.0,
+            saturation_m: 0.1,
+        };
+        let pose = Pose { position: DVec3::ONE, orientation: DQuat::from_rotation_y(0.4) };
+        let goal = FrameMotion {
+            linear_velocity: DVec3::new(0.1, 0.2, -0.3),
+            angular_velocity: DVec3::new(0.0, 0.4, 0.1),
+            linear_acceleration: DVec3::new(1.0, -2.0, 0.5),
+            angular_acceleration: DVec3::new(0.3, 0.2, 0.1),
+            ..FrameMotion::at_rest(pose)
+        };
+        let asked = |linear: DVec3, angular: DVec3| {
+            let a = attractor.towards(&pose, linear, angular, &goal).resolve().unwrap();
+            [DVec3::new(a[0], a[1], a[2]), DVec3::new(a[3], a[4], a[5])]
+        };
+        let along = asked(goal.linear_velocity, goal.angular_velocity);
+        assert!((along[0] - goal.linear_acceleration).length() < 1e-12, "{along:?}");
+        assert!((along[1] - goal.angular_acceleration).length() < 1e-12, "{along:?}");
+        // A pose that stands still lags behind.
+        let still = asked(DVec3::ZERO, DVec3::ZERO);
+        let lag = still[0] - goal.linear_acceleration;
+        assert!((lag - goal.linear_velocity * 9.0).length() < 1e-12, "{still:?}");
     }
 
     const FUNNEL: ApproachFunnel =

@@ -229,6 +229,22 @@ pub struct SkillLeaf {
     pub governor: Governor,
 }
 
+/// Draws the tool to a pose.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Attractor {
+    /// Linear inertia \[kg\].
+    pub linear_inertia_kg: f64,
+    /// Angular inertia \[kg m²\].
+    pub angular_inertia_kg_m2: f64,
+    /// Stiffness \[1/s²\].
+    pub stiffness_1_s2: f64,
+    /// Damping \[1/s\].
+    pub damping_1_s: f64,
+    /// Distance at which the pull saturates \[m\].
+    pub saturation_m: f64,
+}
+
 /// What is done once the gripper holds the object.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -239,16 +255,8 @@ pub struct Lift {
     pub grip_angle_rad: f64,
     /// How high the tool is lifted along the base's z axis \[m\].
     pub height_m: f64,
-    /// Linear inertia of the attractor \[kg\].
-    pub linear_inertia_kg: f64,
-    /// Angular inertia of the attractor \[kg m²\].
-    pub angular_inertia_kg_m2: f64,
-    /// Stiffness \[1/s²\].
-    pub stiffness_1_s2: f64,
-    /// Damping \[1/s\].
-    pub damping_1_s: f64,
-    /// Distance at which the pull saturates \[m\].
-    pub saturation_m: f64,
+    /// What draws it there.
+    pub attractor: Attractor,
 }
 
 impl Avoidance {
@@ -327,7 +335,7 @@ impl Approach {
     }
 }
 
-impl Lift {
+impl Attractor {
     /// The leaf.
     #[must_use]
     pub fn leaf(&self) -> PoseAttractor {
