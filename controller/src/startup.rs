@@ -92,9 +92,8 @@ pub enum StartError {
     },
     /// More or fewer models than leaves for them.
     #[error(
-        "configuration `{config}`, key `skills_beside`: it has {expected} entries, so that {} are \
-         expected (`--model` once for each), found {found}",
-        if *expected == 0 { "one model".into() } else { format!("{} models", expected + 1) }
+        "configuration `{config}`, key `skills_beside`: expected `--model` once for the task and once \
+         for each of the {expected} further leaves, found it {found} times"
     )]
     Models {
         /// The configuration.
