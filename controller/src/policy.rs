@@ -10,7 +10,7 @@ use tprmp_rmpflow::avoidance::{Body, Part, PointMotion, add_clearance};
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::governor::SpeedGovernor;
 use tprmp_rmpflow::joint_leaves::{JointLimits, JointSpeedLimits, Posture};
-use tprmp_rmpflow::leaves::{ApproachFunnel, Obstacle, PoseAttractor, Shape};
+use tprmp_rmpflow::leaves::{ApproachFunnel, Obstacle, PoseAttractor, Shape, Twist};
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::policy::{Policy as SkillPolicy, PolicyState};
 use tprmp_rmpflow::skill::{SkillInertia, SkillValue};
@@ -20,6 +20,7 @@ use tprmp_robot::{
     forward_kinematics_with_velocity, point_kinematics, point_position,
 };
 
+use crate::external::ExternalCommand;
 use crate::limits::working_range;
 use crate::standstill::Surroundings;
 
@@ -203,6 +204,8 @@ pub struct TaskParameters<'a> {
     pub goal_frame: usize,
     /// What to keep away from.
     pub obstacles: &'a [Obstacle],
+    /// What somebody outside wishes for, `None` where nobody is listened to.
+    pub external: Option<&'a ExternalCommand>,
     /// Time since the last tick \[s\].
     pub dt_s: f64,
 }
@@ -334,13 +337,17 @@ impl<const N: usize> Policy<N> {
         let value = self.skill.evaluate(&self.inertia, frames, &tool, linear, angular, state);
         let goal = self.skill.goal(frames, state);
         workspace.value = matches!(task, Task::Skill).then_some(value);
-        let (leaf, energy) = match (task, &self.lift) {
+        let (mut leaf, energy) = match (task, &self.lift) {
             (Task::Reach(goal), Some(lift)) => (
                 lift.evaluate(&tool, linear, angular, goal),
                 (tool.position - goal.position).length(),
             ),
             _ => (self.governor.govern(&value.natural, twist), value.energy),
         };
+        let velocity = Twist { linear, angular };
+        if let Some(wish) = parameters.external.and_then(|external| external.leaf(&velocity)) {
+            leaf.add(&wish);
+        }
         let mut root = Natural::<N>::zero();
         root.add_pullback(&leaf, &kinematics.tool_jacobian, &kinematics.tool_jd_qd);
         if let (Task::Skill, Some(funnel), Some(frame)) =

@@ -342,7 +342,10 @@ pub fn cycle<const N: usize>(
     let names = model.frames.iter().map(|frame| frame_name(&frame.name));
     let goal_frame = usize::from(model.goal_frame != model.start_frame);
     let scene = Scene::new(names.take(frame_count).collect(), goal_frame);
-    let ports: ControllerPorts = instance.open_controller()?;
+    let mut ports: ControllerPorts = instance.open_controller()?;
+    if config.external.is_some() {
+        ports.listen()?;
+    }
     Ok(Cycle::new(policy, scene, config, pace, until_done, ports))
 }
 
