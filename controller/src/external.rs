@@ -182,7 +182,7 @@ mod tests {
             assert!((now - last).abs() < 0.02 * 8.0 * 4.0 * 0.4 + 1e-9, "{tick}: {last} to {now}");
             last = now;
         }
-        assert!((last + 8.0 * 4.0 * 0.2).abs() < 1e-6);
+        assert!((last + 8.0 * 4.0 * 0.2).abs() < 1e-3);
     }
 
     #[test]

@@ -391,7 +391,9 @@ impl<const N: usize> Policy<N> {
             dt,
             &mut workspace.tree,
         )?;
-        workspace.skill.press(resolved.nearness.pressing);
+        // Where somebody leads the tool into an obstacle, that is no reason for the skill to go on.
+        let led = parameters.external.is_some_and(ExternalCommand::leads);
+        workspace.skill.press(if led { 0.0 } else { resolved.nearness.pressing });
         Ok(Decision {
             acceleration: resolved.acceleration,
             tool,
