@@ -193,7 +193,8 @@ fn tick<'a, const N: usize>(
         turn = 1 - turn;
         let frames = &frames[turn];
         let goal_frame = frames.len() - 1;
-        let parameters = TaskParameters { frames, goal_frame, obstacles, dt_s: 1e-3 };
+        let parameters =
+            TaskParameters { frames, goal_frame, obstacles, external: None, dt_s: 1e-3 };
         let decision = policy
             .evaluate(black_box(&q), black_box(&qd), &Task::Skill, &parameters, &mut workspace)
             .expect("the policy resolves");

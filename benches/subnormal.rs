@@ -58,8 +58,13 @@ fn measure<const N: usize>(
     for _ in 0..BATCHES {
         for (best, case) in best.iter_mut().zip(cases) {
             let frames = frames(positions, case.speed);
-            let parameters =
-                TaskParameters { frames: &frames, goal_frame: 1, obstacles: &[], dt_s: 1e-3 };
+            let parameters = TaskParameters {
+                frames: &frames,
+                goal_frame: 1,
+                obstacles: &[],
+                external: None,
+                dt_s: 1e-3,
+            };
             let qd = SVector::repeat(case.speed);
             let since = Instant::now();
             for _ in 0..BATCH {

@@ -10,11 +10,12 @@ use std::sync::Arc;
 
 use tprmp_messages::{
     CommandMode, ControllerPorts, ControllerStatus, GripperState, JOINT_CAPACITY, JointCommand,
-    LifeCycle, Reason, RobotState, Sample, TaskFrames,
+    LifeCycle, Reason, RobotState, Sample, Subscriber, TaskFrames,
 };
 use tprmp_model::controller_config::{ControllerConfig, Trigger};
 
 use crate::allocation;
+use crate::external::ExternalCommand;
 use crate::inputs::{JointState, Scene, check_state, jumps, within_position_limits};
 use crate::limits::JointLimits;
 use crate::monitor::Board;
@@ -67,6 +68,8 @@ pub struct Cycle<const N: usize> {
     scene: Scene,
     scene_check: Result<(), Reason>,
     sequence_went_back: bool,
+    /// `None` for a controller that listens to nobody outside.
+    external: Option<ExternalCommand>,
     last_measured: Option<(JointState<N>, u64)>,
 
     course: Course,
@@ -114,6 +117,7 @@ impl<const N: usize> Cycle<N> {
             overruns: Overruns::new(cycle.overruns_in_a_row_max),
             motion: Motion::new(limits, &config),
             course: Course::new(config.lift, config.done, policy.turns()),
+            external: config.external.as_ref().map(ExternalCommand::new),
             policy,
             config,
             pace,
@@ -182,7 +186,7 @@ impl<const N: usize> Cycle<N> {
         while let Some(wake) = self.wait(stop) {
             let dt = self.elapsed_s(last_ns, wake.now_ns);
             last_ns = Some(wake.now_ns);
-            self.read();
+            self.read(wake.now_ns);
             let read_ns = monotonic_ns();
             self.notice_a_gap(&wake);
 
@@ -313,13 +317,20 @@ impl<const N: usize> Cycle<N> {
     }
 
     /// Takes in the newest messages, as views into shared memory.
-    fn read(&mut self) {
+    fn read(&mut self, now_ns: u64) {
         if self.pace == Pace::RealTime(Trigger::Periodic) {
             self.receive_state();
         }
         if let Some(frames) = self.exchange(|ports| ports.frames.receive()) {
             self.frames = Some(frames);
             self.take_in_frames();
+        }
+        if self.external.is_some() {
+            let command =
+                self.exchange(|ports| ports.tool_command.as_ref().and_then(Subscriber::receive));
+            if let (Some(external), Some(command)) = (&mut self.external, command) {
+                external.take_in(&command, now_ns);
+            }
         }
     }
 
@@ -402,15 +413,22 @@ impl<const N: usize> Cycle<N> {
     ) -> Result<Reason, Reason> {
         let gripper = self.state.as_ref().map_or(0, |s| s.gripper_state);
         let gripper = GripperState::from_wire(gripper).ok_or(Reason::GripperUnknown)?;
+        if self.motion.is_holding() {
+            self.workspace.restart();
+        }
+        if let Some(external) = &mut self.external {
+            if self.motion.is_holding() {
+                external.restart();
+            }
+            external.advance(now_ns, dt);
+        }
         let parameters = TaskParameters {
             frames: self.scene.frames(),
             goal_frame: self.scene.goal_frame(),
             obstacles: self.scene.obstacles(),
+            external: self.external.as_ref(),
             dt_s: dt,
         };
-        if self.motion.is_holding() {
-            self.workspace.restart();
-        }
         let decision = self
             .policy
             .evaluate(
@@ -432,11 +450,13 @@ impl<const N: usize> Cycle<N> {
             (life_cycle == LifeCycle::Done).then(|| self.progress.done_since_ns.unwrap_or(now_ns));
         self.progress = Progress { life_cycle, remaining, energy: decision.energy, done_since_ns };
         let speed = state.velocity.amax();
+        let led = self.external.as_ref().is_some_and(ExternalCommand::leads);
         Ok(self.standstill.advance(
             life_cycle,
             speed,
             remaining.distance_m,
             &decision.surroundings,
+            led,
             dt,
         ))
     }

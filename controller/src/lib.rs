@@ -8,6 +8,7 @@ pub mod allocation;
 pub mod check;
 pub mod cycle;
 pub mod disturbance;
+pub mod external;
 pub mod inputs;
 pub mod limits;
 pub mod monitor;

@@ -10,7 +10,7 @@ use tprmp_rmpflow::avoidance::{Body, Part, PointMotion, add_clearance};
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::governor::SpeedGovernor;
 use tprmp_rmpflow::joint_leaves::{JointLimits, JointSpeedLimits, Posture};
-use tprmp_rmpflow::leaves::{ApproachFunnel, Obstacle, PoseAttractor, Shape};
+use tprmp_rmpflow::leaves::{ApproachFunnel, Obstacle, PoseAttractor, Shape, Twist};
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::policy::{Policy as SkillPolicy, PolicyState};
 use tprmp_rmpflow::skill::{SkillInertia, SkillValue};
@@ -20,6 +20,7 @@ use tprmp_robot::{
     forward_kinematics_with_velocity, point_kinematics, point_position,
 };
 
+use crate::external::ExternalCommand;
 use crate::limits::working_range;
 use crate::standstill::Surroundings;
 
@@ -219,6 +220,8 @@ pub struct TaskParameters<'a> {
     pub goal_frame: usize,
     /// What to keep away from.
     pub obstacles: &'a [Obstacle],
+    /// What somebody outside wishes for, `None` where nobody is listened to.
+    pub external: Option<&'a ExternalCommand>,
     /// Time since the last tick \[s\].
     pub dt_s: f64,
 }
@@ -251,7 +254,7 @@ impl<const N: usize> Workspace<N> {
     /// gets \[rad/s² or m/s²\], limits included. Where the tool only reaches for a pose nothing goes on.
     pub fn advance(&mut self, acceleration: &SVector<f64, N>, dt_s: f64) {
         let tool = self.kinematics.tool_jacobian * acceleration + self.kinematics.tool_jd_qd;
-        let (linear, angular) = split(&tool);
+        let Twist { linear, angular } = split(&tool);
         for skill in &mut self.skills {
             if let Some(value) = skill.value.take() {
                 skill.state.advance(&value, linear, angular, dt_s);
@@ -347,7 +350,7 @@ impl<const N: usize> Policy<N> {
         twist: &Vector6<f64>,
         states: &mut [SkillState],
     ) -> (Natural<6>, f64) {
-        let (linear, angular) = split(twist);
+        let Twist { linear, angular } = split(twist);
         let (mut sum, mut energy) = (Natural::zero(), 0.0);
         for (leaf, skill) in self.skills.iter().zip(states) {
             // Too few frames give what is not finite, which is refused in the end.
@@ -382,7 +385,7 @@ impl<const N: usize> Policy<N> {
         let tool =
             Pose { position: kinematics.tool_position, orientation: kinematics.tool_orientation() };
         let twist = &kinematics.tool_twist;
-        let (linear, angular) = split(twist);
+        let Twist { linear, angular } = split(twist);
 
         let frames = parameters.frames;
         let goal_frame = frames.get(parameters.goal_frame);
@@ -403,6 +406,10 @@ impl<const N: usize> Policy<N> {
                 learned_energy
             }
         };
+        let velocity = Twist { linear, angular };
+        if let Some(wish) = parameters.external.and_then(|outside| outside.leaf(&velocity)) {
+            leaf.add(&wish);
+        }
         let mut root = Natural::<N>::zero();
         root.add_pullback(&leaf, &kinematics.tool_jacobian, &kinematics.tool_jd_qd);
         if let (Task::Skill, Some(funnel), Some(frame)) = (task, &self.approach, goal_frame) {
@@ -444,8 +451,11 @@ impl<const N: usize> Policy<N> {
             dt,
             &mut workspace.tree,
         )?;
+        // Where somebody leads the tool into an obstacle, that is no reason for the skills to go on.
+        let led = parameters.external.is_some_and(ExternalCommand::leads);
         let pressing = resolved.nearness.pressing;
-        workspace.skills.iter_mut().for_each(|skill| skill.state.press(pressing));
+        let held = if led { 0.0 } else { pressing };
+        workspace.skills.iter_mut().for_each(|skill| skill.state.press(held));
         Ok(Decision {
             acceleration: resolved.acceleration,
             tool,
@@ -463,8 +473,11 @@ impl<const N: usize> Policy<N> {
 }
 
 /// \[linear; angular\].
-fn split(twist: &Vector6<f64>) -> (DVec3, DVec3) {
-    (DVec3::new(twist[0], twist[1], twist[2]), DVec3::new(twist[3], twist[4], twist[5]))
+fn split(twist: &Vector6<f64>) -> Twist {
+    Twist {
+        linear: DVec3::new(twist[0], twist[1], twist[2]),
+        angular: DVec3::new(twist[3], twist[4], twist[5]),
+    }
 }
 
 /// The leaves beside the task, from the configuration.

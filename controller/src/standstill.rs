@@ -36,7 +36,8 @@ pub struct Standstill {
 
 impl Standstill {
     /// Takes in a tick of `dt` \[s\] in which the fastest joint moved with `speed`
-    /// \[rad/s or m/s\], `distance_m` from the goal.
+    /// \[rad/s or m/s\], `distance_m` from the goal. Of an arm that is `led` from outside it is not
+    /// known whether it could get on by itself: it may stand before an obstacle, and nothing else.
     ///
     /// [`Reason::Blocked`] or [`Reason::Unreachable`] when a task that is under way does not get on,
     /// else [`Reason::None`]. The policy is followed all the while: once the obstacle or the goal
@@ -47,18 +48,20 @@ impl Standstill {
         speed: f64,
         distance_m: f64,
         surroundings: &Surroundings,
+        led: bool,
         dt: f64,
     ) -> Reason {
+        let blocked =
+            surroundings.pressing > PRESSING_MIN || surroundings.clearance_min_m < CLEARANCE_MIN_M;
         let under_way = matches!(life_cycle, LifeCycle::Running | LifeCycle::Lifting);
-        self.still_s = if under_way && speed < SPEED_MAX { self.still_s + dt } else { 0.0 };
+        let still = under_way && speed < SPEED_MAX && (blocked || !led);
+        self.still_s = if still { self.still_s + dt } else { 0.0 };
         let about = self.distance_m * HEADWAY_SHARE..=self.distance_m / HEADWAY_SHARE;
-        if under_way && about.contains(&distance_m) {
+        if under_way && !led && about.contains(&distance_m) {
             self.no_headway_s += dt;
         } else {
             (self.no_headway_s, self.distance_m) = (0.0, distance_m);
         }
-        let blocked =
-            surroundings.pressing > PRESSING_MIN || surroundings.clearance_min_m < CLEARANCE_MIN_M;
         let (still, creeps) = (self.still_s > DURATION_S, self.no_headway_s > HEADWAY_S);
         match (still || creeps, blocked) {
             (true, true) => Reason::Blocked,
@@ -80,7 +83,7 @@ mod tests {
         let after = |life_cycle, speed, surroundings: &Surroundings| {
             let mut standstill = Standstill::default();
             (0..1500)
-                .map(|_| standstill.advance(life_cycle, speed, 0.2, surroundings, 0.001))
+                .map(|_| standstill.advance(life_cycle, speed, 0.2, surroundings, false, 0.001))
                 .last()
         };
         assert_eq!(after(LifeCycle::Running, 0.0, &free), Some(Reason::Unreachable));
@@ -89,11 +92,20 @@ mod tests {
         assert_eq!(after(LifeCycle::Running, 0.1, &against), Some(Reason::None));
         assert_eq!(after(LifeCycle::Done, 0.0, &free), Some(Reason::None));
         let mut standstill = Standstill::default();
-        assert_eq!(standstill.advance(LifeCycle::Running, 0.0, 0.2, &free, 0.9), Reason::None);
-        assert_eq!(standstill.advance(LifeCycle::Running, 0.2, 0.2, &free, 0.9), Reason::None);
-        assert_eq!(standstill.advance(LifeCycle::Running, 0.0, 0.2, &free, 0.9), Reason::None);
         assert_eq!(
-            standstill.advance(LifeCycle::Running, 0.0, 0.2, &free, 0.9),
+            standstill.advance(LifeCycle::Running, 0.0, 0.2, &free, false, 0.9),
+            Reason::None
+        );
+        assert_eq!(
+            standstill.advance(LifeCycle::Running, 0.2, 0.2, &free, false, 0.9),
+            Reason::None
+        );
+        assert_eq!(
+            standstill.advance(LifeCycle::Running, 0.0, 0.2, &free, false, 0.9),
+            Reason::None
+        );
+        assert_eq!(
+            standstill.advance(LifeCycle::Running, 0.0, 0.2, &free, false, 0.9),
             Reason::Unreachable
         );
     }
@@ -108,7 +120,14 @@ mod tests {
             let mut reason = Reason::None;
             for _ in 0..seconds * 100 {
                 distance *= share.powf(0.01);
-                reason = standstill.advance(LifeCycle::Running, 0.05, distance, surroundings, 0.01);
+                reason = standstill.advance(
+                    LifeCycle::Running,
+                    0.05,
+                    distance,
+                    surroundings,
+                    false,
+                    0.01,
+                );
             }
             reason
         };
@@ -117,5 +136,24 @@ mod tests {
         assert_eq!(after(5, 0.8, &against), Reason::None, "it gets on");
         assert_eq!(after(5, 1.2, &against), Reason::None, "the goal moves away");
         assert_eq!(after(5, 0.99, &free), Reason::None, "it follows what moves");
+    }
+
+    #[test]
+    fn an_arm_that_is_led_is_blocked_by_obstacles_only() {
+        let free = Surroundings { pressing: 0.0, clearance_min_m: f64::INFINITY };
+        let against = Surroundings { pressing: 0.5, ..free };
+        let mut standstill = Standstill::default();
+        let mut advance = |surroundings, speed, led| {
+            standstill.advance(LifeCycle::Running, speed, 0.2, surroundings, led, 0.9)
+        };
+        for _ in 0..9 {
+            assert_eq!(advance(&free, 0.0, true), Reason::None, "it is held");
+            assert_eq!(advance(&against, 0.1, true), Reason::None, "it is led along");
+        }
+        assert_eq!(advance(&free, 0.0, false), Reason::None, "just let go");
+        assert_eq!(advance(&free, 0.0, false), Reason::Unreachable);
+        assert_eq!(advance(&free, 0.0, true), Reason::None);
+        assert_eq!(advance(&against, 0.0, true), Reason::None);
+        assert_eq!(advance(&against, 0.0, true), Reason::Blocked, "it is led into an obstacle");
     }
 }

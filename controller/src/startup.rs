@@ -406,7 +406,10 @@ pub fn cycle<const N: usize>(
     let task = &skills[0].model;
     let goal_frame = usize::from(task.goal_frame != task.start_frame);
     let scene = Scene::new(names.collect(), goal_frame);
-    let ports: ControllerPorts = instance.open_controller()?;
+    let mut ports: ControllerPorts = instance.open_controller()?;
+    if config.external.is_some() {
+        ports.listen()?;
+    }
     Ok(Cycle::new(policy, scene, config, pace, until_done, ports))
 }
 

@@ -5,12 +5,15 @@ use std::path::{Path, PathBuf};
 use glam::DQuat;
 use nalgebra::SVector;
 use proptest::prelude::*;
+use tprmp_controller::external::ExternalCommand;
 use tprmp_controller::inputs::{JointState, Scene, check_state};
 use tprmp_controller::limits::JointLimits;
 use tprmp_controller::motion::{Motion, Setpoint};
 use tprmp_controller::policy::{Policy, Task, TaskParameters};
 use tprmp_controller::startup;
-use tprmp_messages::{Frame, Obstacle, ObstacleKind, Reason, RobotState, TaskFrames, name_bytes};
+use tprmp_messages::{
+    Frame, Obstacle, ObstacleKind, Reason, RobotState, TaskFrames, ToolCommand, name_bytes,
+};
 use tprmp_model::controller_config::{self, ControllerConfig};
 use tprmp_robot::Chain;
 
@@ -137,11 +140,12 @@ proptest! {
     /// Random gains and random messages, faulty ones too, through checks, policy, limits and torques.
     #[test]
     fn no_policy_and_no_message_lead_outside_the_limits(
-        gains in prop::array::uniform6(decades()),
+        gains in prop::array::uniform8(decades()),
         start in prop::array::uniform6(0.0..=1.0_f64),
         messages in prop::collection::vec(
             (frame("start"), frame("end"), prop::collection::vec(obstacle(), 0..4),
-                prop::collection::vec(number(4.0), N), 1e-5..0.02_f64),
+                prop::collection::vec(number(4.0), N), prop::collection::vec(number(1.0), 6),
+                1e-5..0.02_f64),
             1..40,
         ),
     ) {
@@ -153,6 +157,8 @@ proptest! {
             config.skill.angular_inertia_kg_m2 = gains[1];
             config.joint_damping.inertia = gains[2];
             config.joint_damping.damping_1_s = gains[3];
+            config.external.as_mut().unwrap().linear_inertia_kg = gains[6];
+            config.external.as_mut().unwrap().response_1_s = gains[7];
             config.impedance.stiffness_1_s2 = gains[4];
             config.impedance.damping_1_s = gains[5];
         };
@@ -163,16 +169,26 @@ proptest! {
         let limits = JointLimits::new(chain, &loaded.config.robot);
         let mut motion = Motion::new(limits, &loaded.config);
         let mut workspace = policy.workspace();
+        let mut external = ExternalCommand::new(&loaded.config.external.unwrap());
         let names = ["start", "end"].map(|name| name_bytes(name).unwrap());
         let mut scene = Scene::new(names.into(), 1);
         let range = chain.position_upper() - chain.position_lower();
         let mut q = chain.position_lower() + range.component_mul(&Joints::from(start));
-        for (k, (first, second, obstacles, velocity, dt)) in messages.into_iter().enumerate() {
+        for (k, (first, second, obstacles, velocity, wish, dt)) in messages.into_iter().enumerate() {
             let mut state = RobotState { joint_count: N as u32, ..Default::default() };
             state.position[..N].copy_from_slice(q.as_slice());
             state.velocity[..N].copy_from_slice(&velocity);
+            let time_ns = 1 + k as u64 * 1_000_000;
+            let command = ToolCommand {
+                sequence: 1 + k as u64,
+                time_ns,
+                linear_velocity: [wish[0], wish[1], wish[2]],
+                angular_velocity: [wish[3], wish[4], wish[5]],
+            };
+            external.take_in(&command, time_ns);
+            external.advance(time_ns, dt);
             let mut frames = TaskFrames {
-                time_ns: 1 + k as u64 * 1_000_000,
+                time_ns,
                 frame_count: 2,
                 obstacle_count: obstacles.len() as u32,
                 ..Default::default()
@@ -186,6 +202,7 @@ proptest! {
                     frames: scene.frames(),
                     goal_frame: scene.goal_frame(),
                     obstacles: scene.obstacles(),
+                    external: Some(&external),
                     dt_s: dt,
                 };
                 let (q, qd) = (&state.position, &state.velocity);

@@ -46,7 +46,8 @@ fn acceleration(
     frames: &[FrameMotion],
     workspace: &mut Workspace<N>,
 ) -> SVector<f64, N> {
-    let parameters = TaskParameters { frames, goal_frame: 1, obstacles: &[], dt_s: 0.001 };
+    let parameters =
+        TaskParameters { frames, goal_frame: 1, obstacles: &[], external: None, dt_s: 0.001 };
     let (q, qd) = (SVector::from([-0.3, 0.4]), SVector::from([0.5, -0.2]));
     policy.evaluate(&q, &qd, &Task::Skill, &parameters, workspace).unwrap().acceleration
 }
@@ -115,7 +116,13 @@ fn a_goal_attractor_draws_beside_the_skill() {
     let heavy = with(1e6);
     let (q, qd) = (DVec3::new(-0.3, 0.4, 0.0), DVec3::new(0.5, -0.2, 0.0));
     let policy = policy(&[], |_| {});
-    let parameters = TaskParameters { frames: &shown, goal_frame: 1, obstacles: &[], dt_s: 0.001 };
+    let parameters = TaskParameters {
+        frames: &shown,
+        goal_frame: 1,
+        obstacles: &[],
+        external: None,
+        dt_s: 0.001,
+    };
     let at = [SVector::from([q.x, q.y]), SVector::from([qd.x, qd.y])];
     let decision = policy
         .evaluate(&at[0], &at[1], &Task::Skill, &parameters, &mut policy.workspace())

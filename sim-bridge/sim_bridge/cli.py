@@ -84,6 +84,37 @@ def _parser() -> argparse.ArgumentParser:
     record.add_argument("--count", type=int, help="how many (default: the scene's)")
     record.add_argument("--seed", type=int, help="draws the box poses (default: the scene's)")
 
+    command = commands.add_parser(
+        "command",
+        help="command a velocity of the tool beside the skill",
+        description="Commands a velocity of the tool to a running controller, which gives it "
+        "weight beside its skill, as far as obstacles and limits permit; afterwards the skill goes "
+        "on from there. Exit code 0: it was sent for the given time, or a signal ended it; 2: bad "
+        "input, or nobody listens.",
+    )
+    command.add_argument(
+        "--instance", default="default", help="name of the running system (default: %(default)s)"
+    )
+    for option, unit in (("--linear", "m/s"), ("--angular", "rad/s")):
+        command.add_argument(
+            option,
+            type=float,
+            nargs=3,
+            default=(0.0, 0.0, 0.0),
+            metavar=("X", "Y", "Z"),
+            help=f"in the robot's base frame [{unit}] (default: 0 0 0, which asks to stand still)",
+        )
+    command.add_argument("--for-s", type=float, required=True, help="how long [s]")
+    command.add_argument(
+        "--rate-hz", type=float, default=100.0, help="how often it is sent (default: %(default)s)"
+    )
+    command.add_argument(
+        "--wait-s",
+        type=float,
+        default=10.0,
+        help="how long to wait for a robot and its controller [s] (default: %(default)s)",
+    )
+
     report = commands.add_parser(
         "report",
         help="judge a run and draw pictures of it",
@@ -174,6 +205,21 @@ def _dispatch(parsed: argparse.Namespace) -> int:
         from sim_bridge.report import report
 
         return report(parsed.folder)
+
+    if parsed.command == "command":
+        from sim_bridge.command import Options as Command
+        from sim_bridge.command import command
+
+        return command(
+            Command(
+                instance=parsed.instance,
+                linear_m_s=tuple(parsed.linear),
+                angular_rad_s=tuple(parsed.angular),
+                for_s=parsed.for_s,
+                rate_hz=parsed.rate_hz,
+                wait_s=parsed.wait_s,
+            )
+        )
 
     if parsed.command == "fit":
         from sim_bridge.fit import fit

@@ -189,6 +189,22 @@ class JointCommand(ctypes.Structure):
         return "JointCommandV1"
 
 
+class ToolCommand(ctypes.Structure):
+    """A velocity of the tool in B that somebody outside wishes for, beside the skill."""
+
+    _fields_ = [
+        ("sequence", ctypes.c_uint64),
+        ("time_ns", ctypes.c_uint64),
+        ("linear_velocity", _Vector3),
+        ("angular_velocity", _Vector3),
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        """Name on the wire."""
+        return "ToolCommandV1"
+
+
 class ControllerStatus(ctypes.Structure):
     """How the controller is doing, once a tick."""
 
@@ -225,6 +241,7 @@ MESSAGES = {
     "Frame": (Frame, 136),
     "Obstacle": (Obstacle, 136),
     "JointCommand": (JointCommand, 368),
+    "ToolCommand": (ToolCommand, 64),
     "ControllerStatus": (ControllerStatus, 136),
 }
 """Every message with the size [bytes] the other side was told."""

@@ -9,11 +9,21 @@ import shutil
 import signal
 from pathlib import Path
 from types import FrameType, TracebackType
+from typing import TYPE_CHECKING
 
 import iceoryx2
 
 from sim_bridge.errors import BridgeError
-from sim_bridge.messages import ControllerStatus, JointCommand, RobotState, TaskFrames
+from sim_bridge.messages import (
+    ControllerStatus,
+    JointCommand,
+    RobotState,
+    TaskFrames,
+    ToolCommand,
+)
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 SHARED_MEMORY = Path("/dev/shm")
 SHARED_MEMORY_MIN_BYTES = 4 << 20
@@ -139,21 +149,53 @@ class Instance:
                 continue
 
 
-class StatePublisherPorts:
-    """The ports of a state publisher; closed at the end of the `with` block, without leftovers."""
+class _Ports:
+    """Ports of an instance; closed at the end of the `with` block, without leftovers."""
+
+    PORTS: tuple[str, ...]
 
     def __init__(self, instance: Instance) -> None:
         self._instance = instance
         self._node = instance.node()
         try:
-            node = self._node
-            self.state = instance.publisher(node, "robot_state", RobotState)
-            self.frames = instance.publisher(node, "task_frames", TaskFrames)
-            self.command = instance.subscriber(node, "joint_command", JointCommand)
-            self.status = instance.subscriber(node, "controller_status", ControllerStatus)
+            self._open(instance, self._node)
         except BridgeError:
             self.close()
             raise
+
+    def _open(self, instance: Instance, node: iceoryx2.Node) -> None:
+        """Opens each of `PORTS`."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Lets go of every port and then of the node, and takes away what they leave."""
+        for port in self.PORTS:
+            self.__dict__.pop(port, None)
+        self._node = None
+        self._instance.remove_leftovers()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class StatePublisherPorts(_Ports):
+    """The ports of a state publisher."""
+
+    PORTS = ("state", "frames", "command", "status")
+
+    def _open(self, instance: Instance, node: iceoryx2.Node) -> None:
+        self.state = instance.publisher(node, "robot_state", RobotState)
+        self.frames = instance.publisher(node, "task_frames", TaskFrames)
+        self.command = instance.subscriber(node, "joint_command", JointCommand)
+        self.status = instance.subscriber(node, "controller_status", ControllerStatus)
 
     def publish(self, frames: TaskFrames, state: RobotState) -> None:
         """Publishes the frames first, so that whoever waits for the state finds both."""
@@ -173,23 +215,23 @@ class StatePublisherPorts:
         self.frames.update_connections()
         self.state.update_connections()
 
-    def close(self) -> None:
-        """Lets go of every port and then of the node, and takes away what they leave."""
-        for port in ("state", "frames", "command", "status"):
-            self.__dict__.pop(port, None)
-        self._node = None
-        self._instance.remove_leftovers()
 
-    def __enter__(self) -> StatePublisherPorts:
-        return self
+class ToolCommandPorts(_Ports):
+    """The ports of somebody who commands the tool beside the skill."""
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
+    PORTS = ("command", "state")
+
+    def _open(self, instance: Instance, node: iceoryx2.Node) -> None:
+        self.command = instance.publisher(node, "tool_command", ToolCommand)
+        self.state = instance.subscriber(node, "robot_state", RobotState)
+
+    def publish(self, command: ToolCommand) -> int:
+        """Publishes a command; returns how many controllers listen."""
+        return self.command.send_copy(command)
+
+    def receive_state(self, into: RobotState) -> bool:
+        """Copies the newest state that was not received yet; `False` when there is none."""
+        return _receive(self.state, into)
 
 
 def _receive(subscriber: iceoryx2.Subscriber, into: ctypes.Structure) -> bool:

@@ -20,6 +20,7 @@ CONTROLLER = ROOT / "target" / "release" / "controller"
         ("Obstacle", 136),
         ("TaskFrames", 5464),
         ("JointCommand", 368),
+        ("ToolCommand", 64),
         ("ControllerStatus", 136),
     ],
 )

@@ -2,6 +2,7 @@
 //! starts them.
 
 mod bad_input;
+mod command;
 mod common;
 mod faults;
 mod lockstep;

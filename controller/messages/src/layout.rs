@@ -1,7 +1,9 @@
 //! Size and offset of every field, asserted at compile time against the implicit rules of
 //! `repr(C)` (no hidden padding) and given as a table, against which the Python mirror is tested.
 
-use crate::messages::{ControllerStatus, Frame, JointCommand, Obstacle, RobotState, TaskFrames};
+use crate::messages::{
+    ControllerStatus, Frame, JointCommand, Obstacle, RobotState, TaskFrames, ToolCommand,
+};
 
 /// Where a field lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,6 +52,7 @@ layout! {
         sequence, state_sequence, time_ns, expiry_ns, mode, gripper_command, joint_count, reason,
         position, velocity, acceleration, torque, gravity_torque
     }
+    ToolCommand { sequence, time_ns, linear_velocity, angular_velocity }
     ControllerStatus {
         sequence, time_ns, life_cycle, reason, ticks, deadline_misses, skipped_periods, allocations,
         connections, period_ns, wake_up_ns, state_age_ns, receiving_ns, evaluation_ns,
@@ -68,6 +71,7 @@ mod tests {
         assert_eq!(size_of::<Obstacle>(), 136);
         assert_eq!(size_of::<TaskFrames>(), 32 - 8 + 8 * 136 + 32 * 136);
         assert_eq!(size_of::<JointCommand>(), 368);
+        assert_eq!(size_of::<ToolCommand>(), 64);
         assert_eq!(size_of::<ControllerStatus>(), 136);
         assert_eq!(LAYOUT.iter().filter(|f| f.message == "RobotState").count(), 7);
     }

@@ -1,6 +1,6 @@
 //! The shared-memory messages of tprmp and the services that carry them.
 //!
-//! Four publish-subscribe services an instance, each with one publisher, up to eight subscribers
+//! Five publish-subscribe services an instance, each with one publisher, up to eight subscribers
 //! and only the newest message kept, so that a reader always gets the newest and a slow reader
 //! never holds the writer up (of states and statuses the newest [`OBSERVER_BUFFER`] are kept for
 //! an observer):
@@ -11,6 +11,9 @@
 //! | `<instance>/task_frames/v1`      | [`TaskFrames`]       | state publisher   | controller |
 //! | `<instance>/joint_command/v1`    | [`JointCommand`]     | controller        | robot      |
 //! | `<instance>/controller_status/v1`| [`ControllerStatus`] | controller        | anyone     |
+//! | `<instance>/tool_command/v1`     | [`ToolCommand`]      | whoever commands  | controller |
+//!
+//! The last one is there only while somebody commands, or a controller listens.
 //!
 //! Conventions: SI units, quaternions `w, x, y, z`, poses and velocities expressed in the robot's
 //! base frame `B`, times on `CLOCK_MONOTONIC` in nanoseconds (a lockstep publisher may use its own
@@ -55,9 +58,10 @@ pub use layout::{FieldLayout, LAYOUT};
 pub use messages::{
     CommandMode, ControllerStatus, FRAME_CAPACITY, Frame, GripperCommand, GripperState,
     JOINT_CAPACITY, JointCommand, LifeCycle, NAME_CAPACITY, OBSTACLE_CAPACITY, Obstacle,
-    ObstacleKind, Reason, RobotState, TaskFrames, name_bytes, name_str,
+    ObstacleKind, Reason, RobotState, TaskFrames, ToolCommand, name_bytes, name_str,
 };
 pub use services::{
     ControllerPorts, Instance, OBSERVER_BUFFER, ObserverPorts, Publisher, SHARED_MEMORY_MIN_BYTES,
-    Sample, ServiceError, StatePublisherPorts, StatusPort, Subscriber, free_shared_memory_bytes,
+    Sample, ServiceError, StatePublisherPorts, StatusPort, Subscriber, ToolCommandPort,
+    free_shared_memory_bytes,
 };

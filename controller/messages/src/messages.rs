@@ -131,6 +131,26 @@ pub struct JointCommand {
     pub gravity_torque: [f64; JOINT_CAPACITY],
 }
 
+/// A velocity of the tool that somebody outside wishes for: a joystick, a hand-guiding device, another
+/// planner. From whoever commands to a controller whose configuration listens.
+///
+/// A wish beside the skill, never a state: one that is faulty, or older than the controller permits, is
+/// passed over. Zeros ask for a tool that stands still; to let go, stop publishing.
+#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
+#[type_name("ToolCommandV1")]
+#[repr(C)]
+pub struct ToolCommand {
+    /// Counts up by at least one from message to message; who begins while no other command is alive
+    /// may begin anywhere.
+    pub sequence: u64,
+    /// When the command was given \[ns\], on the clock of [`RobotState::time_ns`].
+    pub time_ns: u64,
+    /// Velocity of the tool's origin, expressed in `B` \[m/s\].
+    pub linear_velocity: [f64; 3],
+    /// Angular velocity of the tool, expressed in `B` \[rad/s\].
+    pub angular_velocity: [f64; 3],
+}
+
 /// How the controller is doing, once a tick or every few.
 #[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
 #[type_name("ControllerStatusV2")]

@@ -9,7 +9,7 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use thiserror::Error;
 
-use crate::messages::{ControllerStatus, JointCommand, RobotState, TaskFrames};
+use crate::messages::{ControllerStatus, JointCommand, RobotState, TaskFrames, ToolCommand};
 
 /// A sample received from shared memory, without a copy.
 pub type Sample<M> = iceoryx2::sample::Sample<ipc::Service, M, ()>;
@@ -23,6 +23,7 @@ pub const OBSERVER_BUFFER: usize = 256;
 
 const ROBOT_STATE: &str = "robot_state";
 const CONTROLLER_STATUS: &str = "controller_status";
+const TOOL_COMMAND: &str = "tool_command";
 const SUBSCRIBERS_MAX: usize = 8;
 
 /// Why the services of an instance could not be opened.
@@ -233,7 +234,8 @@ impl Instance {
             status: self.publisher(&node, CONTROLLER_STATUS)?,
             state: self.subscriber(&node, ROBOT_STATE, 1)?,
             frames: self.subscriber(&node, "task_frames", 1)?,
-            _node: NodeGuard { _node: node, _leftovers: Leftovers(self.clone()) },
+            tool_command: None,
+            node: NodeGuard { node, leftovers: Leftovers(self.clone()) },
         })
     }
 
@@ -248,7 +250,7 @@ impl Instance {
             frames: self.publisher(&node, "task_frames")?,
             command: self.subscriber(&node, "joint_command", 1)?,
             status: self.subscriber(&node, CONTROLLER_STATUS, 1)?,
-            _node: NodeGuard { _node: node, _leftovers: Leftovers(self.clone()) },
+            _node: NodeGuard { node, leftovers: Leftovers(self.clone()) },
         })
     }
 
@@ -262,7 +264,20 @@ impl Instance {
         Ok(ObserverPorts {
             state: self.subscriber(&node, ROBOT_STATE, OBSERVER_BUFFER)?,
             frames: self.subscriber(&node, "task_frames", 1)?,
-            _node: NodeGuard { _node: node, _leftovers: Leftovers(self.clone()) },
+            _node: NodeGuard { node, leftovers: Leftovers(self.clone()) },
+        })
+    }
+
+    /// Opens the side of somebody who commands the tool beside the skill. A controller need not be there,
+    /// nor listen.
+    ///
+    /// # Errors
+    /// See [`ServiceError`]; a second one who commands the same instance is one.
+    pub fn open_tool_command(&self) -> Result<ToolCommandPort, ServiceError> {
+        let node = self.node()?;
+        Ok(ToolCommandPort {
+            command: self.publisher(&node, TOOL_COMMAND)?,
+            _node: NodeGuard { node, leftovers: Leftovers(self.clone()) },
         })
     }
 
@@ -275,7 +290,7 @@ impl Instance {
         let node = self.node()?;
         Ok(StatusPort {
             status: self.subscriber(&node, CONTROLLER_STATUS, OBSERVER_BUFFER)?,
-            _node: NodeGuard { _node: node, _leftovers: Leftovers(self.clone()) },
+            _node: NodeGuard { node, leftovers: Leftovers(self.clone()) },
         })
     }
 }
@@ -337,8 +352,8 @@ impl<M: Debug + ZeroCopySend + 'static> Subscriber<M> {
 /// Fields are dropped in this order: first the node goes, then what it left behind.
 #[derive(Debug)]
 struct NodeGuard {
-    _node: Node<ipc::Service>,
-    _leftovers: Leftovers,
+    node: Node<ipc::Service>,
+    leftovers: Leftovers,
 }
 
 #[derive(Debug)]
@@ -361,10 +376,22 @@ pub struct ControllerPorts {
     pub command: Publisher<JointCommand>,
     /// Status of the controller.
     pub status: Publisher<ControllerStatus>,
-    _node: NodeGuard,
+    /// Newest wish of somebody outside; `None` for a controller that does not listen.
+    pub tool_command: Option<Subscriber<ToolCommand>>,
+    node: NodeGuard,
 }
 
 impl ControllerPorts {
+    /// Listens to whoever commands the tool, now or later.
+    ///
+    /// # Errors
+    /// See [`ServiceError`].
+    pub fn listen(&mut self) -> Result<(), ServiceError> {
+        let NodeGuard { node, leftovers: Leftovers(instance) } = &self.node;
+        self.tool_command = Some(instance.subscriber(node, TOOL_COMMAND, 1)?);
+        Ok(())
+    }
+
     /// Connects to whoever has appeared. Costs nothing when nobody has. `false` when a connection
     /// failed.
     #[must_use]
@@ -373,6 +400,7 @@ impl ControllerPorts {
             & self.status.update_connections()
             & self.state.update_connections()
             & self.frames.update_connections()
+            & self.tool_command.as_ref().is_none_or(Subscriber::update_connections)
     }
 }
 
@@ -397,6 +425,14 @@ pub struct ObserverPorts {
     pub state: Subscriber<RobotState>,
     /// Newest task frames and obstacles.
     pub frames: Subscriber<TaskFrames>,
+    _node: NodeGuard,
+}
+
+/// The port of somebody who commands the tool. Dropped, it leaves no files behind.
+#[derive(Debug)]
+pub struct ToolCommandPort {
+    /// Wished velocities.
+    pub command: Publisher<ToolCommand>,
     _node: NodeGuard,
 }
 
@@ -499,6 +535,28 @@ mod tests {
         assert!(matches!(error, ServiceError::SecondPublisher(_)), "{error}");
         let _controller = instance.open_controller().unwrap();
         assert!(instance.open_controller().unwrap_err().to_string().contains("already has"));
+    }
+
+    #[test]
+    fn a_controller_hears_commands_only_when_it_listens_and_from_one_only() {
+        let instance = instance("wish");
+        let mut controller = instance.open_controller().unwrap();
+        assert!(controller.tool_command.is_none());
+        let commander = instance.open_tool_command().unwrap();
+        let send = |sequence| {
+            assert!(commander.command.publish(ToolCommand { sequence, ..Default::default() }));
+        };
+        send(1);
+        controller.listen().unwrap();
+        send(2);
+        let heard = controller.tool_command.as_ref().unwrap();
+        assert_eq!(heard.receive().unwrap().sequence, 2);
+        let error = instance.open_tool_command().unwrap_err();
+        assert!(matches!(error, ServiceError::SecondPublisher(_)), "{error}");
+        send(3);
+        assert_eq!(heard.receive().unwrap().sequence, 3, "the first one goes on");
+        drop(commander);
+        assert!(instance.open_tool_command().is_ok());
     }
 
     #[test]

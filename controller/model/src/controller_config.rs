@@ -13,9 +13,9 @@ use tprmp_robot::Selection;
 mod leaves;
 
 pub use leaves::{
-    Approach, Attractor, Avoidance, Collision, ExemptObstacle, Exemption, Extent, Governor,
-    JointDampingLeaf, JointLimitLeaf, JointSpeedLeaf, Lift, PostureLeaf, SelfCollision, SkillLeaf,
-    Steering, SteeringSide,
+    Approach, Attractor, Avoidance, Collision, ExemptObstacle, Exemption, Extent, External,
+    Governor, JointDampingLeaf, JointLimitLeaf, JointSpeedLeaf, Lift, PostureLeaf, SelfCollision,
+    SkillLeaf, Steering, SteeringSide,
 };
 
 /// Why a configuration was refused.
@@ -266,6 +266,8 @@ pub struct ControllerConfig {
     pub approach: Option<Approach>,
     /// What follows once the gripper holds, `None` for a skill without a gripper.
     pub lift: Option<Lift>,
+    /// What velocities of the tool that somebody outside commands are worth; `None` does not listen.
+    pub external: Option<External>,
     /// When the task is done.
     pub done: Done,
     /// Tracking.
@@ -574,6 +576,15 @@ impl ControllerConfig {
             check.positive("lift.height_m", lift.height_m);
             check.attractor("lift.attractor", &lift.attractor);
         }
+        if let Some(external) = &self.external {
+            check.positive("external.linear_inertia_kg", external.linear_inertia_kg);
+            check.positive("external.angular_inertia_kg_m2", external.angular_inertia_kg_m2);
+            check.positive("external.response_1_s", external.response_1_s);
+            check.positive("external.linear_max_m_s", external.linear_max_m_s);
+            check.positive("external.angular_max_rad_s", external.angular_max_rad_s);
+            check.positive("external.fade_s", external.fade_s);
+            check.time("external.age_max_ns", external.age_max_ns);
+        }
         check.positive("done.distance_m", self.done.distance_m);
         check.positive("done.angle_rad", self.done.angle_rad);
         check.not_negative("impedance.stiffness_1_s2", self.impedance.stiffness_1_s2);
@@ -696,6 +707,16 @@ mod tests {
                  stiffness_1_s2: 9.0, damping_1_s: 6.0, saturation_m: 0.0))",
                 "goal_attractor.saturation_m",
             ),
+            ("linear_max_m_s: 0.25", "linear_max_m_s: inf", "external.linear_max_m_s"),
+            ("angular_max_rad_s: 1.0", "angular_max_rad_s: 0.0", "external.angular_max_rad_s"),
+            ("linear_inertia_kg: 4.0", "linear_inertia_kg: -4.0", "external.linear_inertia_kg"),
+            (
+                "angular_inertia_kg_m2: 2.0",
+                "angular_inertia_kg_m2: NaN",
+                "external.angular_inertia_kg_m2",
+            ),
+            ("fade_s: 0.05", "fade_s: 0.0", "external.fade_s"),
+            ("age_max_ns: 150_000_000", "age_max_ns: 0", "external.age_max_ns"),
             ("\"elbow_joint\": (", "\"elbow\": (", "robot.working_range"),
             ("\"elbow_joint\": (0.1", "\"elbow_joint\": (3.0", "robot.working_range"),
         ];
@@ -703,6 +724,19 @@ mod tests {
             let error = error_of(|t| t.replace(from, to));
             assert!(error.contains(key), "{key}: {error}");
         }
+    }
+
+    #[test]
+    fn commands_from_outside_are_optional_but_the_key_is_not() {
+        let (path, text) = shipped();
+        let config = parse(&text, &path, |_| {}).unwrap();
+        assert!(config.external.is_some());
+        let (before, rest) = text.split_once("    external: (").unwrap();
+        let (_, after) = rest.split_once("    ),").unwrap();
+        let without = format!("{before}    external: None,{after}");
+        assert!(parse(&without, &path, |_| {}).unwrap().external.is_none());
+        let missing = parse(&format!("{before}{after}"), &path, |_| {}).unwrap_err().to_string();
+        assert!(missing.contains("external"), "{missing}");
     }
 
     #[test]

@@ -4,7 +4,9 @@ use glam::DVec3;
 use serde::Deserialize;
 use tprmp_rmpflow::avoidance::{self, Side};
 use tprmp_rmpflow::governor::SpeedGovernor;
-use tprmp_rmpflow::leaves::{ApproachFunnel, CollisionAvoidance, JointDamping, PoseAttractor};
+use tprmp_rmpflow::leaves::{
+    ApproachFunnel, CollisionAvoidance, JointDamping, PoseAttractor, VelocityFollower,
+};
 use tprmp_rmpflow::skill::SkillInertia;
 
 /// A link and a kind of obstacle that need not keep apart, or not as far as others.
@@ -257,6 +259,41 @@ pub struct Lift {
     pub height_m: f64,
     /// What draws it there.
     pub attractor: Attractor,
+}
+
+/// What the velocity of the tool is worth that somebody outside commands: a joystick, a hand-guiding
+/// device, another planner.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct External {
+    /// Inertia with which the commanded velocity counts beside the skill's \[kg\].
+    pub linear_inertia_kg: f64,
+    /// The same for turning \[kg m²\].
+    pub angular_inertia_kg_m2: f64,
+    /// How fast the tool tends to it \[1/s\].
+    pub response_1_s: f64,
+    /// Faster commands are shortened to this \[m/s\].
+    pub linear_max_m_s: f64,
+    /// The same for turning \[rad/s\].
+    pub angular_max_rad_s: f64,
+    /// Time over which it gains its weight and loses it again \[s\].
+    pub fade_s: f64,
+    /// Older commands count no more \[ns\].
+    pub age_max_ns: u64,
+}
+
+impl External {
+    /// The leaf.
+    #[must_use]
+    pub fn leaf(&self) -> VelocityFollower {
+        VelocityFollower {
+            linear_inertia_kg: self.linear_inertia_kg,
+            angular_inertia_kg_m2: self.angular_inertia_kg_m2,
+            response_1_s: self.response_1_s,
+            linear_max_m_s: self.linear_max_m_s,
+            angular_max_rad_s: self.angular_max_rad_s,
+        }
+    }
 }
 
 impl Avoidance {
