@@ -267,6 +267,8 @@ pub struct ControllerConfig {
     /// What follows once the gripper holds, `None` for a skill without a gripper.
     pub lift: Option<Lift>,
     /// What velocities of the tool that somebody outside commands are worth; `None` does not listen.
+    // As it stands: without this a missing key would be `None`.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub external: Option<External>,
     /// When the task is done.
     pub done: Done,
