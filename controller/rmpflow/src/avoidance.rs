@@ -278,9 +278,7 @@ impl Avoidance {
                         motion.velocity,
                         radius + self.margin_m,
                     );
-                    let activation_distance_m = self.leaf.activation_distance_m.min(within);
-                    let leaf = CollisionAvoidance { activation_distance_m, ..self.leaf };
-                    add_clearance(&leaf, &clearance, &motion, root);
+                    add_clearance(&self.leaf.within(within), &clearance, &motion, root);
                     let Some(steering) = self.steering.filter(|s| distance < s.range_m) else {
                         continue;
                     };

@@ -58,6 +58,21 @@ impl CollisionAvoidance {
         Some(Natural { force: Vector1::new(force), metric: SMatrix::<f64, 1, 1>::new(metric) })
     }
 
+    /// The leaf silent from a shorter clearance on, and as firm as before near a contact:
+    /// w = m d₀² (1/d − 1/d₁)².
+    #[must_use]
+    pub fn within(&self, distance_m: f64) -> Self {
+        if distance_m >= self.activation_distance_m {
+            return *self;
+        }
+        let longer = self.activation_distance_m / distance_m;
+        Self {
+            activation_distance_m: distance_m,
+            inertia_kg: self.inertia_kg * longer * longer,
+            ..*self
+        }
+    }
+
     /// V = Φ + ½ G ḋ² at clearance `distance` \[m\], changing at `rate` \[m/s\]  \[J\].
     #[must_use]
     pub fn energy(&self, distance: f64, rate: f64) -> f64 {
@@ -310,6 +325,18 @@ mod tests {
         let free = leaf.evaluate(0.1, -0.4).unwrap().force[0];
         let damped = LEAF.evaluate(0.1, -0.4).unwrap().force[0];
         assert!(damped > free, "damping opposes the approach");
+    }
+
+    #[test]
+    fn a_shorter_range_is_as_firm_near_a_contact() {
+        assert_eq!(LEAF.within(1.0), LEAF);
+        let short = LEAF.within(0.2 * LEAF.activation_distance_m);
+        assert!(short.evaluate(short.activation_distance_m, -0.1).is_none());
+        let metric = |leaf: &CollisionAvoidance, d: f64| leaf.evaluate(d, -0.1).unwrap().metric[0];
+        let near = 1e-3 * LEAF.activation_distance_m;
+        let [short, long] = [&short, &LEAF]
+            .map(|leaf| metric(&CollisionAvoidance { clearance_min_m: near, ..*leaf }, near));
+        assert!(short < long && short > 0.98 * long, "{short} {long}");
     }
 
     #[test]
