@@ -209,8 +209,8 @@ impl PoseAttractor {
 ///
 /// Alone it tends to v_c within 1/d; beside other leaves it gives way to them by the ratio of the
 /// metrics, beside one of the same damping to the mean of both velocities weighed by them. With v_c = 0
-/// it is a damping. With any other it does work on the tool, at most d M v_c per unit of velocity: what
-/// bounds the motion then is v_c, which is within the maxima, and the leaves beside it.
+/// it is a damping. With any other it does work on the tool, with a force of at most d M v_c on one that
+/// moves along: what bounds the motion then is v_c, which is within the maxima, and the leaves beside it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VelocityFollower {
     /// m \[kg\].
