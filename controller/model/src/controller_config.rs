@@ -1,7 +1,9 @@
 //! The controller's configuration: which robot, how the loop runs, which leaves, which limits.
 //!
 //! Every key is required and none is invented: a missing or unknown key is an error that names the
-//! file, the key and what was expected. Paths are relative to the file.
+//! file, the key and what was expected; also of keys that may be `None`,
+//! which serde would take for it when they are missing, unless it is told how to read them. Paths are
+//! relative to the file.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
@@ -69,6 +71,7 @@ pub struct Robot {
     /// URDF of the arm.
     pub urdf: PathBuf,
     /// Link in whose frame everything is expressed; `None` for the root of the URDF.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub base_link: Option<String>,
     /// Link that the skill moves.
     pub tool_link: String,
@@ -78,6 +81,7 @@ pub struct Robot {
     pub joints: Vec<String>,
     /// Spheres that cover the links; `None` derives them from the collision shapes of the URDF,
     /// which must not be meshes then.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub control_points: Option<Vec<ControlPoint>>,
     /// Gravity in the base frame \[m/s²\].
     pub gravity_m_s2: [f64; 3],
@@ -208,13 +212,16 @@ pub enum Grant {
 #[serde(deny_unknown_fields)]
 pub struct RealTime {
     /// SCHED_FIFO priority, 1 to 99; `None` keeps the ordinary scheduler.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub fifo_priority: Option<u8>,
     /// The core that the loop is kept on; `None` leaves it to the scheduler.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub cpu: Option<usize>,
     /// Whether memory is locked.
     pub lock_memory: bool,
     /// Longest time in which a sleeping core may wake up, held in /dev/cpu_dma_latency; `None` leaves
     /// it to the system \[µs\].
+    #[serde(deserialize_with = "Option::deserialize")]
     pub cpu_latency_max_us: Option<u32>,
     /// Without these the controller does not start.
     pub required: Vec<Grant>,
@@ -249,25 +256,32 @@ pub struct ControllerConfig {
     /// Leaves of skills beside it, one for each further model.
     pub skills_beside: Vec<SkillLeaf>,
     /// Draws the tool to the goal of the task beside the skills; `None` leaves that to them.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub goal_attractor: Option<Attractor>,
     /// Joint damping.
     pub joint_damping: JointDampingLeaf,
     /// Position limits of the joints as a leaf; `None` leaves them to the final limits alone.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub joint_limits: Option<JointLimitLeaf>,
     /// Speed limits of the joints as a leaf; `None` leaves them to the final limits alone.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub joint_speeds: Option<JointSpeedLeaf>,
     /// Posture, `None` where the task decides about all joints.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub posture: Option<PostureLeaf>,
     /// Collision avoidance, `None` without.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub collision: Option<Collision>,
     /// Clearance of the arm from itself, `None` without.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub self_collision: Option<SelfCollision>,
     /// The funnel to the goal, `None` where it may be approached from any side.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub approach: Option<Approach>,
     /// What follows once the gripper holds, `None` for a skill without a gripper.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub lift: Option<Lift>,
     /// What velocities of the tool that somebody outside commands are worth; `None` does not listen.
-    // As it stands: without this a missing key would be `None`.
     #[serde(deserialize_with = "Option::deserialize")]
     pub external: Option<External>,
     /// When the task is done.
@@ -275,6 +289,7 @@ pub struct ControllerConfig {
     /// Tracking.
     pub impedance: Impedance,
     /// Resistance to pushes; `None` leaves them to the impedance alone.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub disturbance: Option<Disturbance>,
     /// Stops and starts.
     pub stop: Stop,
@@ -668,6 +683,43 @@ mod tests {
     fn an_unknown_key_is_named_with_what_was_expected() {
         let error = error_of(|t| t.replace("fade_in_s:", "fade_in_ms:"));
         assert!(error.contains("fade_in_ms") && error.contains("fade_in_s"), "{error}");
+    }
+
+    /// The text without a key and its value.
+    fn without(text: &str, key: &str) -> String {
+        let at = text.find(&format!(" {key}: ")).unwrap() + 1;
+        let mut depth = 0;
+        let end = text[at..].find(|c: char| {
+            depth +=
+                i32::from(matches!(c, '(' | '[' | '{')) - i32::from(matches!(c, ')' | ']' | '}'));
+            c == ',' && depth == 0
+        });
+        format!("{}{}", &text[..at], &text[at + end.unwrap() + 1..])
+    }
+
+    #[test]
+    fn a_missing_key_is_an_error_where_none_is_a_value_too() {
+        for key in [
+            "base_link",
+            "control_points",
+            "goal_attractor",
+            "joint_limits",
+            "joint_speeds",
+            "posture",
+            "collision",
+            "steering",
+            "self_collision",
+            "approach",
+            "lift",
+            "external",
+            "disturbance",
+            "fifo_priority",
+            "cpu",
+            "cpu_latency_max_us",
+        ] {
+            let error = error_of(|text| without(text, key));
+            assert!(error.contains(key) && error.contains("missing"), "{key}: {error}");
+        }
     }
 
     #[test]

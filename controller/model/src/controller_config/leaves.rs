@@ -87,6 +87,7 @@ pub struct Collision {
     /// How the clearance between links and obstacles is kept.
     pub avoidance: Avoidance,
     /// How links are led around obstacles, `None` where they shall wait.
+    #[serde(deserialize_with = "Option::deserialize")]
     pub steering: Option<Steering>,
     /// What obstacles add to a joint's acceleration takes at least this long to grow to
     /// `robot.acceleration_max` \[s\].
