@@ -1,9 +1,8 @@
 //! The controller's configuration: which robot, how the loop runs, which leaves, which limits.
 //!
 //! Every key is required and none is invented: a missing or unknown key is an error that names the
-//! file, the key and what was expected; also of keys that may be `None`,
-//! which serde would take for it when they are missing, unless it is told how to read them. Paths are
-//! relative to the file.
+//! file, the key and what was expected. That goes for keys that may be `None` too, which serde would
+//! take for it when they are missing, unless it is told how to read them. Paths are relative to the file.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
