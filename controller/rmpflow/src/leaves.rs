@@ -58,8 +58,9 @@ impl CollisionAvoidance {
         Some(Natural { force: Vector1::new(force), metric: SMatrix::<f64, 1, 1>::new(metric) })
     }
 
-    /// The leaf silent from a shorter clearance on, and as firm as before near a contact:
-    /// w = m d₀² (1/d − 1/d₁)².
+    /// The leaf silent from a shorter clearance d₁ on. Its metric is as firm as before near a contact,
+    /// w = m d₀² (1/d − 1/d₁)²; its potential is that of a leaf of this range, ½ a m (d₁/d − 1)², which
+    /// from a shorter distance throws back no harder.
     #[must_use]
     pub fn within(&self, distance_m: f64) -> Self {
         if distance_m >= self.activation_distance_m {
@@ -69,6 +70,7 @@ impl CollisionAvoidance {
         Self {
             activation_distance_m: distance_m,
             inertia_kg: self.inertia_kg * longer * longer,
+            repulsion_m2_s2: self.repulsion_m2_s2 / (longer * longer),
             ..*self
         }
     }
