@@ -30,8 +30,10 @@ const PHASES_COMPARED: usize = 97;
 /// A pose is at the start when it lies so much farther from it than from the nearest phase at most, as
 /// a share of the distance that does not tell.
 const AT_START: f64 = 0.25;
-/// Bisections between neighbours of the best one.
-const BISECTIONS: usize = 30;
+/// Sections between neighbours of the best one: to 1e-8, the root of the precision.
+const SECTIONS: usize = 30;
+/// Share of the golden section.
+const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
 /// The field of the position: in the plane z = const, or in space; the phase is its last coordinate.
 #[derive(Debug, Clone)]
@@ -271,6 +273,13 @@ impl Skill {
         displacement: &Displacement,
         pose: &Pose,
     ) -> Phase {
+        let far = self.home(inertia).sqrt();
+        let from_start = self.distance_from_start(inertia, displacement, pose).map(f64::sqrt);
+        let start = Phase { share: 0.0, rate_1_s: 0.0 };
+        // Whatever is nearest: the others need not be compared.
+        if from_start.is_some_and(|d| d <= AT_START * far) {
+            return start;
+        }
         let distance = |phase: f64| self.distance(inertia, displacement, pose, phase);
         let step = 1.0 / (PHASES_COMPARED - 1) as f64;
         let mut distances = [0.0; PHASES_COMPARED];
@@ -278,10 +287,8 @@ impl Skill {
             *entry = distance(i as f64 * step);
         }
         let least = distances.iter().copied().fold(f64::INFINITY, f64::min);
-        let far = self.home(inertia).sqrt();
-        let from_start = self.distance_from_start(inertia, displacement, pose);
-        if from_start.is_some_and(|d| d.sqrt() <= least.sqrt() + AT_START * far) {
-            return Phase { share: 0.0, rate_1_s: 0.0 };
+        if from_start.is_some_and(|d| d <= least.sqrt() + AT_START * far) {
+            return start;
         }
         let home = (least.sqrt() + far).powi(2);
         let at = |i: usize| distances.get(i).copied().unwrap_or(f64::INFINITY);
@@ -293,12 +300,17 @@ impl Skill {
             (best as f64 - 1.0).max(0.0) * step,
             (best as f64 + 1.0).min((PHASES_COMPARED - 1) as f64) * step,
         );
-        for _ in 0..BISECTIONS {
-            let third = (high - low) / 3.0;
-            if distance(low + third) <= distance(high - third) {
-                high -= third;
+        // The golden section: of two places between low and high one is known from before.
+        let inner = |low: f64, high: f64| high - GOLDEN * (high - low);
+        let outer = |low: f64, high: f64| low + GOLDEN * (high - low);
+        let (mut a, mut b) = (distance(inner(low, high)), distance(outer(low, high)));
+        for _ in 0..SECTIONS {
+            if a <= b {
+                high = outer(low, high);
+                (a, b) = (distance(inner(low, high)), a);
             } else {
-                low += third;
+                low = inner(low, high);
+                (a, b) = (b, distance(outer(low, high)));
             }
         }
         Phase { share: 0.5 * (low + high), rate_1_s: 0.0 }
