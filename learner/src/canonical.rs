@@ -14,20 +14,21 @@ use tprmp_rmpflow::frame_map::{
     Anchor, Canonical, Displacement, FrameMap, FrameMapError, FrameMotion, PHASE_DISTANCE_MIN, Pose,
 };
 
+use crate::adaptation::{self, Seen};
 use crate::demonstration::{Demonstration, POINTS_MIN};
 use crate::error::LearnerError;
 use crate::orientation::mean_orientation;
 use crate::pace::Pace;
 use crate::savitzky_golay::{Path, smooth};
-use crate::skill::{Scale, Skill, Smoothing};
+use crate::skill::{FitSettings, Scale, Skill, Smoothing};
 use crate::tp_gmm::frames;
 
 /// Largest angle between a demonstrated orientation and the goal's [rad]: the chart ends at π.
 const ANGLE_MAX_RAD: f64 = 0.95 * std::f64::consts::PI;
-/// Positions follow the turn of the frames unless the demonstrations then lie so much farther apart
-/// that their spread is this share of it or less when positions do not turn. Below 1: it takes
-/// frames that were shown turned, and a way that was shown not to turn.
-const UPRIGHT_SHARE: f64 = 0.75;
+/// Positions follow the turn of the frames unless the demonstrations foretell each other so much better
+/// when they do not: then the error is this share of it or less. Below 1: it takes frames that were
+/// shown turned, and a way that was shown not to turn.
+const UPRIGHT_SHARE: f64 = 0.9;
 /// The change from the start to the goal frame takes the whole way unless the demonstrations lie this
 /// share as far apart, or less, when it begins later or ends earlier …
 const CHANGE_SHARE: f64 = 0.8;
@@ -46,6 +47,9 @@ const AGREEMENT_FLOOR: f64 = 0.005;
 const FIXED_M: f64 = 1e-9;
 /// … and turn less than this [rad].
 const FIXED_RAD: f64 = 1e-9;
+/// A demonstration that begins in motion is followed from rest: it is caught up with at this multiple
+/// of the policy's damping. Slower is behind for longer, faster is more acceleration at the start.
+const CATCH_UP: f64 = 1.5;
 /// A demonstration that moves less than this has no way to learn [m, or rad of its turn].
 const MOTION_MIN: f64 = 1e-4;
 
@@ -152,6 +156,11 @@ pub fn canonicalise(
             smooth(samples, sampling_time_s, smoothing.window_s, smoothing.degree)
         };
         let (mut position, mut rotation) = (smoothed(&positions), smoothed(&rotations));
+        if let FitSettings::Canonical(settings) = &skill.fit {
+            for path in [&mut position, &mut rotation] {
+                start_from_rest(path, CATCH_UP * settings.damping_1_s, sampling_time_s);
+            }
+        }
         end_at(&mut position, mean.goal.position, sampling_time_s);
         end_at(&mut rotation, DVec3::ZERO, sampling_time_s);
         let rest = range.start;
@@ -175,7 +184,8 @@ fn scales(scale: &Scale, position_m: f64, rotation_rad: f64) -> [f64; 2] {
 
 /// The samples of each demonstration between its rests: those before the first and after the last that
 /// is faster than a share of the largest speed are cut. The speed is that seen from the goal frame, in
-/// normalised coordinates.
+/// normalised coordinates. It has to be fast from sample to sample, which tells when exactly a motion
+/// begins, and fast when smoothed: noise is no motion.
 ///
 /// # Errors
 /// The index of a demonstration that does not move.
@@ -186,7 +196,7 @@ fn moving_ranges(
     scale: &Scale,
 ) -> Result<Vec<std::ops::Range<usize>>, usize> {
     let grasp = mean.goal_frame.inverse().compose(&mean.goal);
-    let seen: Vec<[Path; 2]> = demonstrations
+    let (poses, paths): (Vec<[Vec<DVec3>; 2]>, Vec<[Path; 2]>) = demonstrations
         .iter()
         .map(|d| {
             let goal = d.goal_frame.compose(&grasp).inverse();
@@ -198,28 +208,40 @@ fn moving_ranges(
             let positions: Vec<DVec3> = poses.iter().map(|pose| pose.position).collect();
             let rotations: Vec<DVec3> = poses.iter().map(rotation).collect();
             let window = smoothing.window_s;
-            [positions, rotations]
-                .map(|samples| smooth(&samples, d.sampling_time_s, window, smoothing.degree))
+            let seen = [positions, rotations];
+            let smoothed = [0, 1]
+                .map(|block| smooth(&seen[block], d.sampling_time_s, window, smoothing.degree));
+            (seen, smoothed)
         })
-        .collect();
-    let of = |block: usize| span(seen.iter().map(|paths| &paths[block]), DQuat::IDENTITY);
+        .unzip();
+    let of = |block: usize| span(paths.iter().map(|paths| &paths[block]), DQuat::IDENTITY);
     let scales = scales(scale, of(0), of(1));
-    let range = |(i, paths): (usize, &[Path; 2])| {
+    let fast = |speeds: &[f64]| {
+        let least = smoothing.rest_speed_share * speeds.iter().copied().fold(0.0, f64::max);
+        let moves = |speed: &f64| *speed >= least;
+        let first = speeds.iter().position(moves).unwrap_or(0);
+        (first, speeds.iter().rposition(moves).unwrap_or(speeds.len() - 1))
+    };
+    let range = |(i, (poses, paths)): (usize, (&[Vec<DVec3>; 2], &[Path; 2]))| {
         let own = |path: &Path| span(std::iter::once(path), DQuat::IDENTITY);
         if paths.iter().map(own).fold(0.0, f64::max) < MOTION_MIN {
             return Err(i);
         }
         let pairs = paths[0].velocities.iter().zip(&paths[1].velocities);
-        let speeds: Vec<f64> = pairs
-            .map(|(p, r)| (*p * scales[0]).length().hypot((*r * scales[1]).length()))
+        let size =
+            |(p, r): (DVec3, DVec3)| (p * scales[0]).length().hypot((r * scales[1]).length());
+        let speeds: Vec<f64> = pairs.map(|(p, r)| size((*p, *r))).collect();
+        let steps: Vec<f64> = poses[0]
+            .windows(2)
+            .zip(poses[1].windows(2))
+            .map(|(p, r)| size((p[1] - p[0], r[1] - r[0])))
             .collect();
-        let least = smoothing.rest_speed_share * speeds.iter().copied().fold(0.0, f64::max);
-        let moves = |speed: &f64| *speed >= least;
-        let first = speeds.iter().position(moves).unwrap_or(0);
-        let last = speeds.iter().rposition(moves).unwrap_or(speeds.len() - 1);
-        Ok(if last - first + 1 >= POINTS_MIN { first..last + 1 } else { 0..speeds.len() })
+        let (smooth, sampled) = (fast(&speeds), fast(&steps));
+        let (first, last) = (smooth.0.max(sampled.0), smooth.1.min(sampled.1 + 1));
+        let long = last >= first + POINTS_MIN - 1;
+        Ok(if long { first..last + 1 } else { 0..speeds.len() })
     };
-    seen.iter().enumerate().map(range).collect()
+    poses.iter().zip(&paths).enumerate().map(range).collect()
 }
 
 /// A demonstration without its rest: its frames in the order of the skill, and its poses.
@@ -230,14 +252,17 @@ struct Shown<'a> {
 
 impl Shown<'_> {
     fn displacement(&self, map: &FrameMap) -> Displacement {
-        let frames: Vec<_> = self.frames.iter().copied().map(FrameMotion::at_rest).collect();
-        map.displace(&frames).expect("a demonstration has the skill's frames")
+        map.displace(&self.at_rest()).expect("a demonstration has the skill's frames")
+    }
+
+    fn at_rest(&self) -> Vec<FrameMotion> {
+        self.frames.iter().copied().map(FrameMotion::at_rest).collect()
     }
 
     /// Share of the time, and pose, nearest to one of [`PHASES_COMPARED`] equal steps.
     fn at(&self, step: usize) -> (f64, Pose) {
         let last = self.poses.len() - 1;
-        let time = step as f64 / (PHASES_COMPARED - 1) as f64;
+        let time = share(step);
         let i = (time * last as f64).round() as usize;
         (i as f64 / last as f64, self.poses[i])
     }
@@ -308,7 +333,8 @@ fn span<'a>(paths: impl Iterator<Item = &'a Path> + Clone, axes: DQuat) -> f64 {
 /// frames, and at which phases the start frame lets go and the goal frame takes over.
 ///
 /// Not every map that does better by chance is taken: positions turn, and the change takes the whole
-/// way, unless the demonstrations show otherwise.
+/// way, unless the demonstrations show otherwise. What they show beyond it, the way bends by (see
+/// [`crate::adaptation`]).
 fn frame_map(
     skill: &Skill,
     mean: &MeanFrames,
@@ -324,10 +350,19 @@ fn frame_map(
     let scales = scales(&skill.scale, (high - low).length(), 0.0);
     let turns = skill.manifold.has_orientation();
     let scales = [scales[0], if turns { scales[1] } else { 0.0 }];
-    let apart = |map: &FrameMap| spread(map, shown, pace, scales);
+    let adapts = anchors.len() == 2 && matches!(skill.fit, FitSettings::Canonical(_));
+    // With what the way bends by, and how far a demonstration lies from what the others foretell.
+    let learned = |map: FrameMap| -> (FrameMap, f64) {
+        if !adapts {
+            return (map, spread(&seen(&map, shown, pace, scales)));
+        }
+        let phases: Vec<f64> = (0..PHASES_COMPARED).map(|step| pace.at(share(step))[0]).collect();
+        let learned = adaptation::learn(&seen(&map, shown, pace, scales), &phases, scales);
+        (map.adapting(learned.adaptation), learned.error)
+    };
     let best = |turn: bool| -> Result<(FrameMap, f64), FrameMapError> {
         let whole = FrameMap::new(anchors, mean.goal, turn)?;
-        let mut best = (whole, apart(&whole));
+        let mut best = (whole, spread(&seen(&whole, shown, pace, scales)));
         let most = CHANGE_SHARE * best.1;
         if anchors.len() < 2 {
             return Ok(best);
@@ -342,37 +377,45 @@ fn frame_map(
                 continue;
             }
             let map = FrameMap::new(&anchors, mean.goal, turn)?;
-            let apart = apart(&map);
+            let apart = spread(&seen(&map, shown, pace, scales));
             if apart < best.1.min(most) {
                 best = (map, apart);
             }
         }
-        Ok(best)
+        let (whole, changed) = (learned(whole), learned(best.0));
+        Ok(if changed.1 < CHANGE_SHARE * whole.1 { changed } else { whole })
     };
     let (turning, upright) = (best(true)?, best(false)?);
     // Frames that turn and a way that does not: then positions do not follow the turn.
     Ok(if upright.1 < UPRIGHT_SHARE * turning.1 { upright.0 } else { turning.0 })
 }
 
-/// How far the demonstrations lie apart in the canonical coordinates of a map [ŷ, rms], at equal
-/// shares of their times.
-fn spread(map: &FrameMap, shown: &[Shown], pace: &Pace, scales: [f64; 2]) -> f64 {
-    let paths: Vec<Vec<[DVec3; 2]>> = shown
-        .iter()
-        .map(|shown| {
-            let displacement = shown.displacement(map);
-            let at = |step| {
-                let (time, pose) = shown.at(step);
-                let y = map.inverse(&displacement, pace.at(time)[0], &pose);
-                [y.position * scales[0], y.rotation * scales[1]]
-            };
-            (0..PHASES_COMPARED).map(at).collect()
-        })
-        .collect();
-    let count = paths.len() as f64;
+/// The share of the time of one of [`PHASES_COMPARED`] equal steps.
+fn share(step: usize) -> f64 {
+    step as f64 / (PHASES_COMPARED - 1) as f64
+}
+
+/// The demonstrations in the canonical coordinates of a map, at equal shares of their times.
+fn seen(map: &FrameMap, shown: &[Shown], pace: &Pace, scales: [f64; 2]) -> Vec<Seen> {
+    let one = |shown: &Shown| {
+        let displacement = shown.displacement(map);
+        let at = |step| {
+            let (time, pose) = shown.at(step);
+            let y = map.inverse(&displacement, pace.at(time)[0], &pose);
+            [y.position * scales[0], y.rotation * scales[1]]
+        };
+        let shift = map.goal_shift(&shown.at_rest()).expect("they are the skill's frames");
+        Seen { shift, path: (0..PHASES_COMPARED).map(at).collect() }
+    };
+    shown.iter().map(one).collect()
+}
+
+/// How far the demonstrations lie apart [ŷ, rms].
+fn spread(seen: &[Seen]) -> f64 {
+    let count = seen.len() as f64;
     let variance = |i: usize, block: usize| -> f64 {
-        let mean = paths.iter().map(|p| p[i][block]).sum::<DVec3>() / count;
-        paths.iter().map(|p| (p[i][block] - mean).length_squared()).sum::<f64>() / count
+        let mean = seen.iter().map(|one| one.path[i][block]).sum::<DVec3>() / count;
+        seen.iter().map(|one| (one.path[i][block] - mean).length_squared()).sum::<f64>() / count
     };
     let all = (0..PHASES_COMPARED).map(|i| variance(i, 0) + variance(i, 1));
     (all.sum::<f64>() / PHASES_COMPARED as f64).sqrt()
@@ -445,6 +488,19 @@ pub(crate) fn mean_pose(poses: &[Pose]) -> Pose {
     let position = poses.iter().map(|p| p.position).sum::<DVec3>() / poses.len() as f64;
     let weights = vec![1.0; poses.len()];
     Pose { position, orientation: mean_orientation(&orientations, &weights) }
+}
+
+/// Lets a path that begins in motion begin at rest, as the policy does, and catch up: v₀ t exp(−ωt) is
+/// taken from it, with ω = `rate_1_s`. It falls behind by v₀/(e ω) at most.
+fn start_from_rest(path: &mut Path, rate_1_s: f64, sampling_time_s: f64) {
+    let velocity = path.velocities[0];
+    for i in 0..path.points.len() {
+        let t = i as f64 * sampling_time_s;
+        let left = (-rate_1_s * t).exp();
+        path.points[i] -= velocity * (t * left);
+        path.velocities[i] -= velocity * ((1.0 - rate_1_s * t) * left);
+        path.accelerations[i] -= velocity * (rate_1_s * (rate_1_s * t - 2.0) * left);
+    }
 }
 
 /// Lets a path end exactly at the goal: what is missing is faded in over its whole length, with no

@@ -6,6 +6,7 @@
 //! ([`thesis`]) → certificate ([`certify`], [`rollout`]) → model. Demonstrations are files;
 //! [`record`] writes them from a live robot; [`plot`] draws what was learned.
 
+pub mod adaptation;
 pub mod basis;
 pub mod canonical;
 pub mod certify;

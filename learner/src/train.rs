@@ -251,6 +251,7 @@ fn stored_canonical(
         start_phase: map.anchors()[0].phase.min(goal.phase),
         goal_phase: goal.phase,
         waypoints: ways.map(waypoint).collect(),
+        adaptation: map.adaptation().map(Into::into),
     }
 }
 

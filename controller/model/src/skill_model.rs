@@ -1,6 +1,6 @@
 //! The frozen model of a learned skill: its schema, reader, writer and validation.
 //!
-//! The file is RON text, `(schema: "tprmp-model/4", checksum: "sha256:…", body: (…))`. The checksum
+//! The file is RON text, `(schema: "tprmp-model/5", checksum: "sha256:…", body: (…))`. The checksum
 //! is the SHA-256 of the body, serialised compactly by `ron::to_string`, so that comments and
 //! layout may change, numbers may not.
 //!
@@ -34,10 +34,13 @@ pub use file::{ModelError, read, sha256_hex, to_text, write};
 
 use serde::{Deserialize, Serialize};
 
+pub use tprmp_rmpflow::adaptation::{COORDINATES, SPLINES};
 pub use tprmp_rmpflow::product_skill::FRAME_CAPACITY;
 
+use tprmp_rmpflow::adaptation;
+
 /// Schema version this crate reads and writes.
-pub const SCHEMA: &str = "tprmp-model/4";
+pub const SCHEMA: &str = "tprmp-model/5";
 
 /// Space in which a skill moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -192,6 +195,38 @@ pub struct Canonical {
     pub goal_phase: f64,
     /// Further frames, in the order in which the skill passes them.
     pub waypoints: Vec<Waypoint>,
+    /// How the way bends with the shift of the goal frame against the start frame, as far as the
+    /// demonstrations show it; only without further frames.
+    pub adaptation: Option<Adaptation>,
+}
+
+/// `y = y° − E(s) u`, see [`tprmp_rmpflow::adaptation`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Adaptation {
+    /// ℓ_p: largest displacement of the goal frame that was shown [m]; 0 where none was.
+    pub reach_m: f64,
+    /// ℓ_r: largest turn of the goal frame that was shown [rad]; 0 where none was.
+    pub reach_rad: f64,
+    /// E_j for each of the B-splines over the phase, row by row: position [m] before rotation [rad];
+    /// columns: displacement before turn.
+    pub bends: Vec<[[f64; COORDINATES]; COORDINATES]>,
+}
+
+impl From<&adaptation::Adaptation> for Adaptation {
+    fn from(learned: &adaptation::Adaptation) -> Self {
+        let [reach_m, reach_rad] = learned.reach;
+        Self { reach_m, reach_rad, bends: learned.bends.to_vec() }
+    }
+}
+
+impl Adaptation {
+    /// As it is evaluated; `None` when it has not a matrix for each spline.
+    #[must_use]
+    pub fn evaluated(&self) -> Option<adaptation::Adaptation> {
+        let bends = self.bends.as_slice().try_into().ok()?;
+        Some(adaptation::Adaptation { reach: [self.reach_m, self.reach_rad], bends })
+    }
 }
 
 /// A frame that the skill passes between its start and its goal.

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use tprmp_model::skill_model::{
-    ActiveConstraints, BlockCertificate, Canonical, Certificate, Component, DemonstrationRollout,
-    FieldModel, Fit, FrameGaussian, FrameMixture, Gaussian, Manifold, ModelError, Policy, Pose,
-    ProgramFit, Provenance, Rollouts, SkillModel, Source, ThesisModel, ValleyCertificate, Waypoint,
-    read, to_text, write,
+    ActiveConstraints, Adaptation, BlockCertificate, COORDINATES, Canonical, Certificate,
+    Component, DemonstrationRollout, FieldModel, Fit, FrameGaussian, FrameMixture, Gaussian,
+    Manifold, ModelError, Policy, Pose, ProgramFit, Provenance, Rollouts, SPLINES, SkillModel,
+    Source, ThesisModel, ValleyCertificate, Waypoint, read, to_text, write,
 };
 
 /// A folder of this test alone, removed at its end.
@@ -94,6 +94,7 @@ fn model() -> SkillModel {
                 point_m: [0.4, 0.1, 0.0],
                 phase: 0.4,
             }],
+            adaptation: None,
         },
         gaussians: vec![Gaussian {
             prior: 1.0,
@@ -183,7 +184,7 @@ fn what_is_written_comes_back_and_always_as_the_same_bytes() {
     assert_eq!(read(&folder.file()).unwrap(), model());
     let text = std::fs::read_to_string(folder.file()).unwrap();
     assert_eq!(text, to_text(&model()));
-    assert!(text.contains("schema: \"tprmp-model/4\""));
+    assert!(text.contains("schema: \"tprmp-model/5\""));
     let left: Vec<_> = std::fs::read_dir(&folder.0).unwrap().collect();
     assert_eq!(left.len(), 1, "no half-written file stays");
 }
@@ -313,6 +314,36 @@ fn dimensions_names_and_poses_are_checked() {
         position(m).components = vec![one; 99];
     };
     assert_eq!(folder.invalid(many).0, "policy.position.components");
+}
+
+#[test]
+fn an_adaptation_is_checked_and_evaluated() {
+    let folder = Folder::new("adaptation");
+    let mut bends = vec![[[0.0; COORDINATES]; COORDINATES]; SPLINES];
+    bends[3][1][0] = 0.2;
+    let whole = Adaptation { reach_m: 0.1, reach_rad: 0.0, bends };
+    let with = |change: &dyn Fn(&mut SkillModel, &mut Adaptation)| {
+        folder.invalid(|m| {
+            let mut adaptation = whole.clone();
+            m.canonical.waypoints.clear();
+            change(m, &mut adaptation);
+            m.canonical.adaptation = Some(adaptation);
+        })
+    };
+    assert_eq!(with(&|_, a| a.reach_m = -0.1).0, "canonical.adaptation.reach_m");
+    assert_eq!(with(&|_, a| a.reach_rad = f64::NAN).0, "canonical.adaptation.reach_rad");
+    assert_eq!(with(&|_, a| a.bends.truncate(2)).0, "canonical.adaptation.bends");
+    let infinite = with(&|_, a| a.bends[4][5][5] = f64::INFINITY);
+    assert_eq!(infinite.0, "canonical.adaptation.bends[4]");
+    let between = with(&|m, _| m.canonical.waypoints = model().canonical.waypoints);
+    assert_eq!(between.0, "canonical.adaptation");
+
+    let mut valid = model();
+    valid.canonical.waypoints.clear();
+    assert!(valid.frame_map().unwrap().adaptation().is_none());
+    valid.canonical.adaptation = Some(whole.clone());
+    let map = valid.frame_map().unwrap();
+    assert_eq!(Adaptation::from(map.adaptation().unwrap()), whole);
 }
 
 #[test]

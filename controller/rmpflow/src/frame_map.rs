@@ -24,10 +24,14 @@
 //! diffeomorphism for any displacement and any turn, with determinant one in the lines of x_p: for a
 //! given phase it is a rigid motion, and nothing folds.
 //!
+//! Where demonstrations show how the way changes with its goal, y bends with it: see
+//! [`crate::adaptation`].
+//!
 //! It is rheonomic: velocities and accelerations of the frames enter the velocity and the drift.
 
 use glam::{DMat3, DQuat, DVec3};
 
+use crate::adaptation::Adaptation;
 use crate::jet::{Jet, Quat, Real, Vec3};
 use crate::product_skill::FRAME_CAPACITY;
 use crate::rotation::{inverse_left_jacobian, rotation_vector};
@@ -193,6 +197,7 @@ pub struct FrameMap {
     /// The goal as seen from the frame that carries it.
     grasp: Pose,
     positions_turn: bool,
+    adaptation: Option<Adaptation>,
 }
 
 /// The frames as they are now, ready to map with.
@@ -204,6 +209,8 @@ pub struct Displacement {
     twists: [Vec3<Jet>; FRAME_CAPACITY],
     /// Q_1.
     rotation: Quat<Jet>,
+    /// u.
+    shift: [Vec3<Jet>; 2],
 }
 
 /// A smooth way from 0 at t = 0 to 1 at t = 1, and its first two derivatives: at rest outside, its
@@ -231,7 +238,7 @@ pub fn ramp(t: f64, rise: f64) -> [f64; 3] {
 
 /// p(s), c(s) and R(s): how the frames carry the space at a phase, see [`FrameMap::at`].
 #[derive(Debug, Clone, Copy)]
-pub struct Carried<S> {
+pub struct Carried<'a, S> {
     image: Vec3<S>,
     centre: Vec3<S>,
     turn: Quat<S>,
@@ -241,6 +248,8 @@ pub struct Carried<S> {
     positions_back: Option<Quat<S>>,
     /// From the world into the axes of q_g.
     to_goal: Quat<S>,
+    /// What the way bends by, u and the phase.
+    adaptation: Option<(&'a Adaptation, [Vec3<S>; 2], S)>,
 }
 
 impl FrameMap {
@@ -269,7 +278,21 @@ impl FrameMap {
         let mut stored = [*last; FRAME_CAPACITY];
         stored[..count].copy_from_slice(anchors);
         let grasp = last.frame.inverse().compose(&goal);
-        Ok(Self { anchors: stored, count, goal, grasp, positions_turn })
+        Ok(Self { anchors: stored, count, goal, grasp, positions_turn, adaptation: None })
+    }
+
+    /// The same map, whose way bends with its goal; it should have two anchors, since what bends does
+    /// not pass a frame in between.
+    #[must_use]
+    pub fn adapting(mut self, adaptation: Option<Adaptation>) -> Self {
+        self.adaptation = adaptation;
+        self
+    }
+
+    /// How the way bends with its goal.
+    #[must_use]
+    pub fn adaptation(&self) -> Option<&Adaptation> {
+        self.adaptation.as_ref()
     }
 
     /// Its anchors in the order of their phases; the last one's frame carries the goal.
@@ -321,6 +344,7 @@ impl FrameMap {
             images: [zero; FRAME_CAPACITY],
             twists: [zero; FRAME_CAPACITY],
             rotation: Quat::constant(DQuat::IDENTITY),
+            shift: [zero; 2],
         };
         let mut before = displacement.rotation;
         for (p, anchor) in self.anchors().iter().enumerate() {
@@ -336,7 +360,32 @@ impl FrameMap {
             }
             before = rotation;
         }
+        if let Some(adaptation) = &self.adaptation {
+            let shift = self.shift(&displacement, before);
+            displacement.shift = Adaptation::bounded(adaptation.reach, shift);
+        }
         Some(displacement)
+    }
+
+    /// δ_p, δ_r: displacement and turn of the goal frame against the start frame, seen from the latter.
+    ///
+    /// * `last`  the rotation of the goal frame
+    fn shift(&self, d: &Displacement, last: Quat<Jet>) -> [Vec3<Jet>; 2] {
+        let back = d.rotation.conjugate();
+        let [from, to] = [0, self.count - 1].map(|p| (d.images[p], self.anchors[p].point));
+        let between = to.0.minus(from.0);
+        let between = if self.positions_turn { back.rotate(between) } else { between };
+        [between.minus(Vec3::constant(to.1 - from.1)), back.times(last).log()]
+    }
+
+    /// Displacement \[m\] and turn \[rad\] of the goal frame against the start frame, as they count for
+    /// [`Adaptation`]; zero in canonical coordinates. `None` when there are too few frames.
+    #[must_use]
+    pub fn goal_shift(&self, frames: &[FrameMotion]) -> Option<[DVec3; 2]> {
+        let displacement = self.displace(frames)?;
+        let goal = self.anchors[self.count - 1];
+        let turn = frames[goal.index].pose.orientation * goal.frame.orientation.conjugate();
+        Some(self.shift(&displacement, Quat::constant(turn)).map(Vec3::value))
     }
 
     /// α_p as a function of the phase.
@@ -351,12 +400,12 @@ impl FrameMap {
     ///
     /// Hot path: no allocation. Input that is not finite gives output that is not finite.
     #[must_use]
-    pub fn at(&self, displacement: &Displacement, phase: f64, rate: f64) -> Carried<Jet> {
+    pub fn at(&self, displacement: &Displacement, phase: f64, rate: f64) -> Carried<'_, Jet> {
         self.carried(displacement, Jet(phase, rate, 0.0))
     }
 
     #[inline]
-    fn carried<S: Real + FromJet>(&self, d: &Displacement, phase: S) -> Carried<S> {
+    fn carried<S: Real + FromJet>(&self, d: &Displacement, phase: S) -> Carried<'_, S> {
         let mut image = S::vector(d.images[0]);
         let mut centre = Vec3::constant(self.anchors[0].point);
         let mut turn = S::quaternion(d.rotation);
@@ -383,6 +432,7 @@ impl FrameMap {
             rates,
             positions_back: self.positions_turn.then_some(back),
             to_goal: back.times_constant_left(self.goal.orientation.conjugate()),
+            adaptation: self.adaptation.as_ref().map(|a| (a, d.shift.map(S::vector), phase)),
         }
     }
 
@@ -390,12 +440,13 @@ impl FrameMap {
     #[must_use]
     pub fn forward(&self, displacement: &Displacement, phase: f64, y: &Canonical) -> Pose {
         let carried = self.carried::<f64>(displacement, phase);
-        let arm = Vec3(y.position.to_array()).minus(carried.centre);
+        let [(bend_p, _), (bend_r, _)] = [0, 3].map(|first| carried.bend(first));
+        let arm = Vec3(y.position.to_array()).plus(bend_p).minus(carried.centre);
         let arm = if self.positions_turn { carried.turn.rotate(arm) } else { arm };
         let orientation = carried.turn.value() * self.goal.orientation;
         Pose {
             position: carried.image.plus(arm).value(),
-            orientation: orientation * DQuat::from_scaled_axis(y.rotation),
+            orientation: orientation * DQuat::from_scaled_axis(y.rotation + bend_r.value()),
         }
     }
 
@@ -403,26 +454,39 @@ impl FrameMap {
     #[must_use]
     pub fn inverse(&self, displacement: &Displacement, phase: f64, pose: &Pose) -> Canonical {
         let carried = self.carried::<f64>(displacement, phase);
+        let position = carried.canonical_position(Vec3(pose.position.to_array()));
+        let rotation = carried.canonical_rotation(Quat::constant(pose.orientation));
         Canonical {
-            position: carried.canonical_position(Vec3(pose.position.to_array())).value(),
-            rotation: carried.canonical_rotation(Quat::constant(pose.orientation)).value(),
+            position: position.minus(carried.bend(0).0).value(),
+            rotation: rotation.minus(carried.bend(3).0).value(),
         }
     }
 }
 
-impl<S: Real> Carried<S> {
+impl<S: Real> Carried<'_, S> {
+    /// Three rows of E(s) u, and of its derivative by the phase.
+    #[inline]
+    fn bend(&self, first: usize) -> (Vec3<S>, DVec3) {
+        match &self.adaptation {
+            Some((adaptation, shift, phase)) => adaptation.bend(first, shift, *phase),
+            None => (Vec3::constant(DVec3::ZERO), DVec3::ZERO),
+        }
+    }
+
+    /// y°.
     fn canonical_position(&self, position: Vec3<S>) -> Vec3<S> {
         let arm = position.minus(self.image);
         self.centre.plus(self.positions_back.map_or(arm, |back| back.rotate(arm)))
     }
 
+    /// y°.
     fn canonical_rotation(&self, orientation: Quat<S>) -> Vec3<S> {
         self.to_goal.times(orientation).log()
     }
 }
 
 /// With x the position or the orientation: ẏ = J ẋ + ∂y/∂s ṡ + ∂y/∂t and ÿ = J ẍ + ∂y/∂s s̈ + drift.
-impl Carried<Jet> {
+impl Carried<'_, Jet> {
     /// Maps a moving position.
     ///
     /// * `position`, `linear`  in the world \[m, m/s\]
@@ -439,7 +503,7 @@ impl Carried<Jet> {
             }
             None => (DMat3::IDENTITY, image),
         };
-        Mapped::new(y, jacobian, centre - jacobian * away)
+        Mapped::new(y, self.bend(0), jacobian, centre - jacobian * away)
     }
 
     /// Maps a moving orientation.
@@ -452,12 +516,20 @@ impl Carried<Jet> {
         let y = self.canonical_rotation(Quat::moving(orientation, angular, DVec3::ZERO));
         let to_goal = DMat3::from_quat(self.to_goal.value());
         let jacobian = inverse_left_jacobian(y.value()) * to_goal;
-        Mapped::new(y, jacobian, -(jacobian * self.rates[2]))
+        Mapped::new(y, self.bend(3), jacobian, -(jacobian * self.rates[2]))
     }
 }
 
 impl Mapped {
-    fn new(y: Vec3<Jet>, jacobian: DMat3, phase_derivative: DVec3) -> Self {
+    /// From y° with its derivatives, and what it bends by.
+    fn new(
+        y: Vec3<Jet>,
+        (bend, bend_rate): (Vec3<Jet>, DVec3),
+        jacobian: DMat3,
+        phase_derivative: DVec3,
+    ) -> Self {
+        let y = y.minus(bend);
+        let phase_derivative = phase_derivative - bend_rate;
         let (point, velocity, drift) = (y.value(), y.first(), y.second());
         Self { point, velocity, drift, jacobian, phase_derivative }
     }
@@ -520,8 +592,18 @@ mod tests {
             maps.push(FrameMap::new(&[start, goal_frame], goal(), turn).unwrap());
             maps.push(FrameMap::new(&[start, way, goal_frame], goal(), turn).unwrap());
             maps.push(FrameMap::new(&[goal_frame], goal(), turn).unwrap());
+            maps.push(maps[maps.len() - 3].adapting(Some(adaptation())));
         }
         maps
+    }
+
+    /// Bends by some centimetres and degrees.
+    fn adaptation() -> Adaptation {
+        let entry = |k: usize| 0.1 * (k as f64 * 1.37).sin();
+        let bends = core::array::from_fn(|j| {
+            core::array::from_fn(|a| core::array::from_fn(|b| entry(36 * j + 6 * a + b)))
+        });
+        Adaptation { reach: [0.3, 0.5], bends }
     }
 
     /// A frame on a curve in time: its pose, and its exact motion by construction.

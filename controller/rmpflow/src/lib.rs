@@ -2,7 +2,7 @@
 //! them, evaluated without allocation.
 //!
 //! Start with [`policy`]: a learned skill is either a [`field`] on canonical coordinates behind a
-//! [`frame_map`] ([`skill`]), or the thesis' policy, a [`gaussian_field`] on products of Gaussians
+//! [`frame_map`] with an [`adaptation`] ([`skill`]), or the thesis' policy, a [`gaussian_field`] on products of Gaussians
 //! seen from the frames ([`product_skill`], [`gaussian_product`]). [`leaves`] and [`joint_leaves`]
 //! hold the hand-made policies, [`avoidance`] leads around [`obstacle`]s, the [`governor`] keeps a skill
 //! within a speed; [`natural`] pulls policies back, and the [`tree`] composes and resolves them.
@@ -24,6 +24,7 @@
 
 #![allow(clippy::needless_range_loop, reason = "formulas with matrices are written with indices")]
 
+pub mod adaptation;
 pub mod avoidance;
 pub mod field;
 pub mod frame_map;

@@ -81,7 +81,9 @@ impl SkillModel {
         let goal = &canonical.goal;
         let (frame, phase) = (&canonical.goal_frame, canonical.goal_phase);
         anchors.push(anchor(&self.goal_frame, frame, goal.position_m, phase));
-        FrameMap::new(&anchors, (*goal).into(), canonical.positions_turn)
+        let map = FrameMap::new(&anchors, (*goal).into(), canonical.positions_turn)?;
+        let adaptation = canonical.adaptation.as_ref();
+        Ok(map.adapting(adaptation.and_then(super::Adaptation::evaluated)))
     }
 
     fn canonical_skill(

@@ -5,7 +5,7 @@ use tprmp_rmpflow::field::COMPONENT_CAPACITY;
 use tprmp_rmpflow::frame_map::PHASE_DISTANCE_MIN;
 
 use super::{
-    Component, FRAME_CAPACITY, FieldModel, Gaussian, Policy, Pose, SkillModel, ThesisModel,
+    Component, FRAME_CAPACITY, FieldModel, Gaussian, Policy, Pose, SPLINES, SkillModel, ThesisModel,
 };
 
 /// A key of the body, and what is wrong with its value.
@@ -35,6 +35,7 @@ impl SkillModel {
         }
         self.validate_frames()?;
         self.validate_waypoints()?;
+        self.validate_adaptation()?;
         match &self.policy {
             Policy::Canonical { position, orientation } => {
                 self.validate_canonical(position, orientation.as_ref())?;
@@ -123,6 +124,30 @@ impl SkillModel {
             );
             ("canonical.waypoints".into(), problem)
         })
+    }
+
+    fn validate_adaptation(&self) -> Result<(), Violation> {
+        let Some(adaptation) = &self.canonical.adaptation else { return Ok(()) };
+        let key = "canonical.adaptation";
+        require(
+            self.canonical.waypoints.is_empty() && self.start_frame != self.goal_frame,
+            key,
+            || "expected none for a skill that has not just a start and a goal frame".into(),
+        )?;
+        for (name, reach) in [("reach_m", adaptation.reach_m), ("reach_rad", adaptation.reach_rad)]
+        {
+            require(reach.is_finite() && reach >= 0.0, format!("{key}.{name}"), || {
+                format!("expected zero or more, found {reach}")
+            })?;
+        }
+        let found = adaptation.bends.len();
+        require(found == SPLINES, format!("{key}.bends"), || {
+            format!("expected {SPLINES}, found {found}")
+        })?;
+        for (j, bend) in adaptation.bends.iter().enumerate() {
+            finite(&format!("{key}.bends[{j}]"), bend.as_flattened())?;
+        }
+        Ok(())
     }
 
     fn validate_canonical(
