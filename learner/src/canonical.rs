@@ -101,8 +101,7 @@ pub fn canonicalise(
     let fail =
         |name: &str, problem: String| LearnerError::Demonstration { name: name.into(), problem };
     let mean = mean_frames(demonstrations);
-    let moving = moving_ranges(demonstrations, &mean, smoothing, scale)
-        .map_err(|i| fail(&demonstrations[i].name, "it does not move".into()))?;
+    let moving = moving_ranges(demonstrations, smoothing, scale)?;
     let shown: Vec<Shown> = demonstrations
         .iter()
         .zip(&moving)
@@ -188,13 +187,13 @@ fn scales(scale: &Scale, position_m: f64, rotation_rad: f64) -> [f64; 2] {
 /// begins, and fast when smoothed: noise is no motion.
 ///
 /// # Errors
-/// The index of a demonstration that does not move.
-fn moving_ranges(
+/// [`LearnerError::Demonstration`]: one does not move.
+pub fn moving_ranges(
     demonstrations: &[Demonstration],
-    mean: &MeanFrames,
     smoothing: &Smoothing,
     scale: &Scale,
-) -> Result<Vec<std::ops::Range<usize>>, usize> {
+) -> Result<Vec<std::ops::Range<usize>>, LearnerError> {
+    let mean = mean_frames(demonstrations);
     let grasp = mean.goal_frame.inverse().compose(&mean.goal);
     let (poses, paths): (Vec<[Vec<DVec3>; 2]>, Vec<[Path; 2]>) = demonstrations
         .iter()
@@ -225,7 +224,8 @@ fn moving_ranges(
     let range = |(i, (poses, paths)): (usize, (&[Vec<DVec3>; 2], &[Path; 2]))| {
         let own = |path: &Path| span(std::iter::once(path), DQuat::IDENTITY);
         if paths.iter().map(own).fold(0.0, f64::max) < MOTION_MIN {
-            return Err(i);
+            let (name, problem) = (demonstrations[i].name.clone(), "it does not move".into());
+            return Err(LearnerError::Demonstration { name, problem });
         }
         let pairs = paths[0].velocities.iter().zip(&paths[1].velocities);
         let size =
@@ -351,39 +351,64 @@ fn frame_map(
     let turns = skill.manifold.has_orientation();
     let scales = [scales[0], if turns { scales[1] } else { 0.0 }];
     let adapts = anchors.len() == 2 && matches!(skill.fit, FitSettings::Canonical(_));
+    let apart = |map: &FrameMap| spread(&seen(map, shown, pace, scales));
     // With what the way bends by, and how far a demonstration lies from what the others foretell.
     let learned = |map: FrameMap| -> (FrameMap, f64) {
         if !adapts {
-            return (map, spread(&seen(&map, shown, pace, scales)));
+            return (map, apart(&map));
         }
         let phases: Vec<f64> = (0..PHASES_COMPARED).map(|step| pace.at(share(step))[0]).collect();
         let learned = adaptation::learn(&seen(&map, shown, pace, scales), &phases, scales);
         (map.adapting(learned.adaptation), learned.error)
     };
+    // Of the changes at some phases that are not too fast, and none, the one with which the
+    // demonstrations lie nearest to each other.
+    let nearest =
+        |whole: &FrameMap, changed: &dyn Fn([f64; 2]) -> Result<FrameMap, FrameMapError>| {
+            let mut best = (*whole, apart(whole));
+            for step in 0..CHANGES_COMPARED * CHANGES_COMPARED {
+                let phase = |i: usize| 0.5 * i as f64 / (CHANGES_COMPARED - 1) as f64;
+                let phases = [phase(step / CHANGES_COMPARED), 1.0 - phase(step % CHANGES_COMPARED)];
+                let Some(map) =
+                    changed(phases).ok().filter(|_| phases[1] - phases[0] >= CHANGE_MIN)
+                else {
+                    continue;
+                };
+                let apart = apart(&map);
+                if apart < best.1 {
+                    best = (map, apart);
+                }
+            }
+            best.0
+        };
     let best = |turn: bool| -> Result<(FrameMap, f64), FrameMapError> {
         let whole = FrameMap::new(anchors, mean.goal, turn)?;
-        let mut best = (whole, spread(&seen(&whole, shown, pace, scales)));
+        let mut best = learned(whole);
         let most = CHANGE_SHARE * best.1;
         if anchors.len() < 2 {
             return Ok(best);
         }
-        let phases = |i: usize| 0.5 * i as f64 / (CHANGES_COMPARED - 1) as f64;
-        for step in 0..CHANGES_COMPARED * CHANGES_COMPARED {
-            let (i, j) = (step / CHANGES_COMPARED, step % CHANGES_COMPARED);
+        let changed = |phases: [f64; 2]| {
             let mut anchors = anchors.to_vec();
-            anchors[0].phase = phases(i);
-            anchors.last_mut().expect("there are two").phase = 1.0 - phases(j);
-            if anchors.windows(2).any(|pair| pair[1].phase - pair[0].phase < CHANGE_MIN) {
-                continue;
-            }
-            let map = FrameMap::new(&anchors, mean.goal, turn)?;
-            let apart = spread(&seen(&map, shown, pace, scales));
-            if apart < best.1.min(most) {
-                best = (map, apart);
+            anchors[0].phase = phases[0];
+            anchors.last_mut().expect("there are two").phase = phases[1];
+            FrameMap::new(&anchors, mean.goal, turn)
+        };
+        // Displacement and turn change together, or at phases of their own.
+        let together = nearest(&whole, &changed);
+        let mut candidates = vec![together];
+        if turns {
+            for map in [whole, together] {
+                candidates.push(nearest(&map, &|phases| map.turning(phases)));
             }
         }
-        let (whole, changed) = (learned(whole), learned(best.0));
-        Ok(if changed.1 < CHANGE_SHARE * whole.1 { changed } else { whole })
+        for map in candidates {
+            let candidate = learned(map);
+            if candidate.1 < best.1.min(most) {
+                best = candidate;
+            }
+        }
+        Ok(best)
     };
     let (turning, upright) = (best(true)?, best(false)?);
     // Frames that turn and a way that does not: then positions do not follow the turn.

@@ -65,13 +65,16 @@ const QUICK_EVERY: usize = 4;
 /// [`LearnerError`]: the data set or a skill file is refused, or the folder cannot be written.
 pub fn run(options: &Options) -> Result<String, LearnerError> {
     let begun = Instant::now();
-    let (dataset, skills) = skills(options)?;
+    let (dataset, mut skills) = skills(options)?;
     let extent = if options.quick { Extent::quick() } else { Extent::full() };
     let mut files = BTreeMap::new();
     for (manifold, name) in [(Manifold::R2, "planar"), (Manifold::R3S3, "pick")] {
         if skills.iter().any(|set| models::space(set.manifold) == models::space(manifold)) {
             files.insert(name, SkillFiles::read(&options.config, name)?);
         }
+    }
+    for set in &mut skills {
+        set.cut_rest(files[models::space(set.manifold)].of(Kind::Canonical))?;
     }
     let components: BTreeMap<(&'static str, Kind), usize> = files
         .iter()

@@ -53,22 +53,22 @@ class Recording:
     lifted_m: float
 
 
-def tool_path(
-    scene: Scene, x_start: Array, x_goal: Array, duration_s: float, time_s: float
-) -> Array:
-    """`X_BE` wanted at `time_s`.
+def horizontal_end(scene: Scene, descent_m: float) -> float:
+    """Fraction of the duration after which `vertical_end_m` of a descent are left."""
+    record = scene.record
+    left = min(max(record.vertical_end_m / max(descent_m, 1e-9), 0.0), 1.0)
+    return record.vertical_delay + (1.0 - record.vertical_delay) * _minimum_jerk_phase(1.0 - left)
+
+
+def tool_path(scene: Scene, x_start: Array, x_goal: Array, end: float, phase: float) -> Array:
+    """`X_BE` wanted at a fraction of the duration.
 
     With `h` and `v` the progress of the horizontal and of the vertical motion, both minimum-jerk:
     `v` starts after the fraction `vertical_delay` of the duration and lasts to its end; `h` ends
-    when `vertical_end_m` of the descent are left.
+    at the fraction `end`.
     """
-    record = scene.record
-    descent = x_start[2, 3] - x_goal[2, 3]
-    left = min(max(record.vertical_end_m / max(descent, 1e-9), 0.0), 1.0)
-    delay = record.vertical_delay
-    horizontal_end = delay + (1.0 - delay) * _minimum_jerk_phase(1.0 - left)
-    phase = time_s / duration_s
-    h = minimum_jerk(phase / horizontal_end)
+    delay = scene.record.vertical_delay
+    h = minimum_jerk(phase / end)
     v = minimum_jerk((phase - delay) / (1.0 - delay))
     position = x_start[:3, 3] + (x_goal[:3, 3] - x_start[:3, 3]) * np.array([h, h, v])
     turn = vector_from_rotation(x_start[:3, :3].T @ x_goal[:3, :3])
@@ -173,9 +173,11 @@ def _show(world: World, duration_s: float, number: int) -> Recording:
     top = 0.5 * scene.object.size_m[2]
     x_goal = x_bo @ pose(R_OE, np.array([0.0, 0.0, top - record.compression_m]))
     steps = math.ceil(duration_s / dt)
-    times = [duration_s * (step + 1) / steps for step in range(steps)]
+    # The same timing from every start: that of a descent from where the arm is at home.
+    end = horizontal_end(scene, forward(world.chain, list(world.home))[2, 3] - x_goal[2, 3])
+    phases = [(step + 1) / steps for step in range(steps)]
     expert = _Expert(world)
-    plan = expert.plan([tool_path(scene, x_start, x_goal, duration_s, time) for time in times])
+    plan = expert.plan([tool_path(scene, x_start, x_goal, end, phase) for phase in phases])
 
     every = round(record.sampling_time_s / dt)
     measured = [x_start]

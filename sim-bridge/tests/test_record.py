@@ -63,8 +63,8 @@ def test_all_demonstrations_show_one_grasp(scene):
 def test_the_path_joins_start_and_goal(scene):
     x_start = pose(R_OE, np.array([0.4, 0.3, 0.3]))
     x_goal = pose(R_OE, np.array([0.5, -0.3, 0.06]))
-    assert tool_path(scene, x_start, x_goal, 3.5, 0.0) == pytest.approx(x_start)
-    assert tool_path(scene, x_start, x_goal, 3.5, 3.5) == pytest.approx(x_goal)
+    assert tool_path(scene, x_start, x_goal, 0.8, 0.0) == pytest.approx(x_start)
+    assert tool_path(scene, x_start, x_goal, 0.8, 1.0) == pytest.approx(x_goal)
 
 
 def test_bad_demonstrations_are_refused(tmp_path):

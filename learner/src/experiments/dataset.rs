@@ -5,24 +5,21 @@
 //! * files in the thesis' layout (`.json` with several demonstrations each),
 //! * shapes of the LASA handwriting data set (`.mat`).
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use tprmp_model::skill_model::Manifold;
 use tprmp_rmpflow::frame_map::Pose;
 
+use crate::canonical::moving_ranges;
 use crate::demonstration::{Demonstration, SCHEMA, read};
 use crate::error::{LearnerError, read_text};
 use crate::import::{Selection, load};
+use crate::skill::Skill;
 
 /// Of two kinds of grasp in one file the first is taken: they are two skills.
 const TAG: &str = "pick_top";
-
-/// A sample slower than this share of the demonstration's largest speed, at its start or end, is rest:
-/// no policy of the state can know how long to wait.
-const REST_SPEED_SHARE: f64 = 0.01;
-/// How much a turn counts beside a move [m/rad].
-const TURN_M_RAD: f64 = 0.3;
 
 /// The demonstrations of one skill.
 #[derive(Clone, Debug)]
@@ -33,6 +30,8 @@ pub struct SkillSet {
     pub manifold: Manifold,
     /// Its demonstrations, at least one.
     pub demonstrations: Vec<Demonstration>,
+    /// Samples of each while it moves: all, unless rest is cut.
+    moving: Vec<Range<usize>>,
 }
 
 #[derive(Deserialize)]
@@ -46,18 +45,22 @@ struct Tagged {
     tag: Option<String>,
 }
 
-/// The samples of a demonstration from its first to its last motion.
-#[must_use]
-pub fn moving(shown: &Demonstration) -> std::ops::Range<usize> {
-    let step = |pair: &[Pose]| {
-        let turn = pair[1].rotation_from(&pair[0]).length() * TURN_M_RAD;
-        (pair[1].position - pair[0].position).length() + turn
-    };
-    let steps: Vec<f64> = shown.poses.windows(2).map(step).collect();
-    let least = REST_SPEED_SHARE * steps.iter().copied().fold(0.0, f64::max);
-    let first = steps.iter().position(|step| *step >= least).unwrap_or(0);
-    let last = steps.iter().rposition(|step| *step >= least).unwrap_or(steps.len() - 1);
-    first..last + 2
+impl SkillSet {
+    /// Cuts off rest before and after the demonstrations, as it is cut for learning: no policy of the
+    /// state can know how long to wait.
+    ///
+    /// # Errors
+    /// [`LearnerError::Demonstration`]: one does not move.
+    pub fn cut_rest(&mut self, skill: &Skill) -> Result<(), LearnerError> {
+        self.moving = moving_ranges(&self.demonstrations, &skill.smoothing, &skill.scale)?;
+        Ok(())
+    }
+
+    /// The poses of a demonstration from its first to its last motion.
+    #[must_use]
+    pub fn motion(&self, demonstration: usize) -> &[Pose] {
+        &self.demonstrations[demonstration].poses[self.moving[demonstration].clone()]
+    }
 }
 
 /// Reads all skills of a data set, in order of their names.
@@ -168,5 +171,6 @@ fn skill_set(files: &[PathBuf]) -> Result<SkillSet, LearnerError> {
 /// A skill of demonstrations, of which there is at least one.
 fn of(demonstrations: Vec<Demonstration>) -> SkillSet {
     let (name, manifold) = (demonstrations[0].skill.clone(), demonstrations[0].manifold);
-    SkillSet { name, manifold, demonstrations }
+    let moving = demonstrations.iter().map(|shown| 0..shown.poses.len()).collect();
+    SkillSet { name, manifold, demonstrations, moving }
 }

@@ -10,7 +10,7 @@ use tprmp_model::skill_model::Manifold;
 use tprmp_rmpflow::frame_map::Pose;
 
 use super::baselines::{Dmp, Lqr, Pd};
-use super::dataset::{SkillSet, moving};
+use super::dataset::SkillSet;
 use super::follower::Follower;
 use super::metric::{resampled, thesis_tracking, time_aligned_mse_m2};
 use super::models::{Kind, Models, space};
@@ -180,7 +180,7 @@ pub fn shown_course(set: &SkillSet, demonstration: usize) -> Course {
         manifold: set.manifold,
         frames,
         grasp: mean_goal(&set.demonstrations),
-        start: shown.poses[moving(shown).start],
+        start: set.motion(demonstration)[0],
         start_velocity: DVec3::ZERO,
         own_goal: false,
         step_s: STEP_S,
@@ -448,7 +448,7 @@ impl Bench<'_> {
             course.goal_motion.stops_within_m = PUBLISHED_STOPS_M;
         }
         if case.tracks {
-            let [a, b] = [0, 1].map(|i| shown.poses[moving(shown).start + i].position);
+            let [a, b] = [0, 1].map(|i| set.motion(case.demonstration)[i].position);
             course.start_velocity = (b - a) / shown.sampling_time_s;
         } else {
             let factor = if course.ball.is_some() { 2.0 } else { 1.0 };
@@ -462,7 +462,7 @@ impl Bench<'_> {
             return finite(trace.own_goal_error_m);
         }
         let points: Vec<DVec3> =
-            shown.poses[moving(shown)].iter().map(|pose| pose.position).collect();
+            set.motion(case.demonstration).iter().map(|pose| pose.position).collect();
         let points = resampled(&points, shown.sampling_time_s, STEP_S);
         let path: Vec<DVec3> = trace.path.iter().map(|pose| pose.position).collect();
         finite(thesis_tracking(&path[..trace.stopped_at], &points))
@@ -473,7 +473,7 @@ impl Bench<'_> {
     pub fn follow(&self, case: &Case) -> Option<Trace> {
         let set = &self.skills[case.skill];
         let shown = &set.demonstrations[case.demonstration];
-        let moving = &shown.poses[moving(shown)];
+        let moving = set.motion(case.demonstration);
         let positions = || moving.iter().map(|pose| pose.position).collect::<Vec<_>>();
         let dt = shown.sampling_time_s;
         let go = |follower: &mut dyn Follower| run(follower, &case.course);
@@ -546,7 +546,7 @@ impl Bench<'_> {
         };
         if case.tracks {
             let shown = &set.demonstrations[case.demonstration];
-            let moving = &shown.poses[moving(shown)];
+            let moving = set.motion(case.demonstration);
             let points: Vec<DVec3> = moving.iter().map(|pose| pose.position).collect();
             let points = resampled(&points, shown.sampling_time_s, STEP_S);
             let path: Vec<DVec3> = trace.path.iter().map(|pose| pose.position).collect();
