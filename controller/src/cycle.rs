@@ -24,7 +24,7 @@ use crate::overruns::Overruns;
 use crate::pacing::{Arrivals, POLL_NS, Pace, Schedule, Wake};
 use crate::policy::{Policy, TaskParameters, Workspace};
 use crate::realtime::{PageFaults, monotonic_ns, sleep_until, spin_until};
-use crate::standstill::Standstill;
+use crate::standstill::{Headway, Standstill};
 use crate::task::{Course, Remaining};
 use crate::telemetry::{Connections, Telemetry, Tick, TickTimes};
 
@@ -449,16 +449,18 @@ impl<const N: usize> Cycle<N> {
         let done_since_ns =
             (life_cycle == LifeCycle::Done).then(|| self.progress.done_since_ns.unwrap_or(now_ns));
         self.progress = Progress { life_cycle, remaining, energy: decision.energy, done_since_ns };
-        let speed = state.velocity.amax();
+        let goal_frame = &self.scene.frames()[self.scene.goal_frame()];
+        let headway = Headway {
+            speed: state.velocity.amax(),
+            distance_m: remaining.distance_m,
+            energy: decision.energy,
+            goal_speed_m_s: goal_frame
+                .carried_point(decision.goal.position - goal_frame.pose.position)
+                .first()
+                .length(),
+        };
         let led = self.external.as_ref().is_some_and(ExternalCommand::leads);
-        Ok(self.standstill.advance(
-            life_cycle,
-            speed,
-            remaining.distance_m,
-            &decision.surroundings,
-            led,
-            dt,
-        ))
+        Ok(self.standstill.advance(life_cycle, &headway, &decision.surroundings, led, dt))
     }
 
     /// Prepares a command that leads the arm to rest and holds it there; where that cannot be done

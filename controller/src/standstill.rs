@@ -6,10 +6,13 @@ use tprmp_messages::{LifeCycle, Reason};
 const SPEED_MAX: f64 = 0.01;
 /// … for so long [s].
 const DURATION_S: f64 = 1.0;
-/// An arm that moves makes no headway when the distance to its goal stays within this share …
-const HEADWAY_SHARE: f64 = 0.8;
-/// … for so long [s].
+/// An arm that moves makes no headway when the distance to its goal changes by this share of it or less …
+const HEADWAY_SHARE: f64 = 0.2;
+/// … for so long [s]; far from obstacles, when the energy of its skills does so as well, and their goal
+/// rests: an arm may go round its goal, or follow it.
 const HEADWAY_S: f64 = 3.0;
+/// A goal rests that is slower than this [m/s].
+const GOAL_REST_M_S: f64 = 0.01;
 /// An arm that makes no headway presses on an obstacle when at least this share of the velocity it
 /// wants leads into one …
 const PRESSING_MIN: f64 = 0.02;
@@ -25,19 +28,51 @@ pub struct Surroundings {
     pub clearance_min_m: f64,
 }
 
-/// For how long the arm has stood still or made no headway \[s\].
+/// How the arm moves, and what is left to do.
+#[derive(Debug, Clone, Copy)]
+pub struct Headway {
+    /// Speed of the fastest joint \[rad/s or m/s\].
+    pub speed: f64,
+    /// Distance to the goal \[m\].
+    pub distance_m: f64,
+    /// V of the skills \[J\].
+    pub energy: f64,
+    /// Speed of the goal \[m/s\].
+    pub goal_speed_m_s: f64,
+}
+
+/// For how long the arm has stood still or made no headway.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Standstill {
+    /// \[s\]
     still_s: f64,
-    /// Since the distance was about `distance_m`.
-    no_headway_s: f64,
-    distance_m: f64,
+    distance: Stagnation,
+    energy: Stagnation,
+}
+
+/// For how long something has been about the same.
+#[derive(Debug, Clone, Copy, Default)]
+struct Stagnation {
+    since_s: f64,
+    value: f64,
+}
+
+impl Stagnation {
+    /// Takes in a value; begins anew where it has changed, or where it is not `watched`. Returns
+    /// whether it has been about the same for long.
+    fn advance(&mut self, value: f64, watched: bool, dt: f64) -> bool {
+        if watched && (value - self.value).abs() <= HEADWAY_SHARE * self.value.abs() {
+            self.since_s += dt;
+        } else {
+            *self = Self { since_s: 0.0, value };
+        }
+        self.since_s > HEADWAY_S
+    }
 }
 
 impl Standstill {
-    /// Takes in a tick of `dt` \[s\] in which the fastest joint moved with `speed`
-    /// \[rad/s or m/s\], `distance_m` from the goal. Of an arm that is `led` from outside it is not
-    /// known whether it could get on by itself: it may stand before an obstacle, and nothing else.
+    /// Takes in a tick of `dt` \[s\]. Of an arm that is `led` from outside it is not known whether it
+    /// could get on by itself: it may stand before an obstacle, and nothing else.
     ///
     /// [`Reason::Blocked`] or [`Reason::Unreachable`] when a task that is under way does not get on,
     /// else [`Reason::None`]. The policy is followed all the while: once the obstacle or the goal
@@ -45,8 +80,7 @@ impl Standstill {
     pub fn advance(
         &mut self,
         life_cycle: LifeCycle,
-        speed: f64,
-        distance_m: f64,
+        headway: &Headway,
         surroundings: &Surroundings,
         led: bool,
         dt: f64,
@@ -54,19 +88,18 @@ impl Standstill {
         let blocked =
             surroundings.pressing > PRESSING_MIN || surroundings.clearance_min_m < CLEARANCE_MIN_M;
         let under_way = matches!(life_cycle, LifeCycle::Running | LifeCycle::Lifting);
-        let still = under_way && speed < SPEED_MAX && (blocked || !led);
+        let still = under_way && headway.speed < SPEED_MAX && (blocked || !led);
         self.still_s = if still { self.still_s + dt } else { 0.0 };
-        let about = self.distance_m * HEADWAY_SHARE..=self.distance_m / HEADWAY_SHARE;
-        if under_way && !led && about.contains(&distance_m) {
-            self.no_headway_s += dt;
+        let still = self.still_s > DURATION_S;
+        let creeps = self.distance.advance(headway.distance_m, under_way && !led, dt);
+        let rests = headway.goal_speed_m_s < GOAL_REST_M_S;
+        let stagnates = self.energy.advance(headway.energy, under_way && !led && rests, dt);
+        if blocked && (still || creeps) {
+            Reason::Blocked
+        } else if !blocked && (still || (creeps && stagnates)) {
+            Reason::Unreachable
         } else {
-            (self.no_headway_s, self.distance_m) = (0.0, distance_m);
-        }
-        let (still, creeps) = (self.still_s > DURATION_S, self.no_headway_s > HEADWAY_S);
-        match (still || creeps, blocked) {
-            (true, true) => Reason::Blocked,
-            (true, false) if still => Reason::Unreachable,
-            _ => Reason::None,
+            Reason::None
         }
     }
 }
@@ -74,6 +107,11 @@ impl Standstill {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A goal that moves.
+    fn headway(speed: f64, distance_m: f64) -> Headway {
+        Headway { speed, distance_m, energy: 1.0, goal_speed_m_s: 0.1 }
+    }
 
     #[test]
     fn an_arm_that_stands_still_short_of_its_goal_is_blocked_or_out_of_reach() {
@@ -83,7 +121,9 @@ mod tests {
         let after = |life_cycle, speed, surroundings: &Surroundings| {
             let mut standstill = Standstill::default();
             (0..1500)
-                .map(|_| standstill.advance(life_cycle, speed, 0.2, surroundings, false, 0.001))
+                .map(|_| {
+                    standstill.advance(life_cycle, &headway(speed, 0.2), surroundings, false, 0.001)
+                })
                 .last()
         };
         assert_eq!(after(LifeCycle::Running, 0.0, &free), Some(Reason::Unreachable));
@@ -93,19 +133,19 @@ mod tests {
         assert_eq!(after(LifeCycle::Done, 0.0, &free), Some(Reason::None));
         let mut standstill = Standstill::default();
         assert_eq!(
-            standstill.advance(LifeCycle::Running, 0.0, 0.2, &free, false, 0.9),
+            standstill.advance(LifeCycle::Running, &headway(0.0, 0.2), &free, false, 0.9),
             Reason::None
         );
         assert_eq!(
-            standstill.advance(LifeCycle::Running, 0.2, 0.2, &free, false, 0.9),
+            standstill.advance(LifeCycle::Running, &headway(0.2, 0.2), &free, false, 0.9),
             Reason::None
         );
         assert_eq!(
-            standstill.advance(LifeCycle::Running, 0.0, 0.2, &free, false, 0.9),
+            standstill.advance(LifeCycle::Running, &headway(0.0, 0.2), &free, false, 0.9),
             Reason::None
         );
         assert_eq!(
-            standstill.advance(LifeCycle::Running, 0.0, 0.2, &free, false, 0.9),
+            standstill.advance(LifeCycle::Running, &headway(0.0, 0.2), &free, false, 0.9),
             Reason::Unreachable
         );
     }
@@ -122,8 +162,7 @@ mod tests {
                 distance *= share.powf(0.01);
                 reason = standstill.advance(
                     LifeCycle::Running,
-                    0.05,
-                    distance,
+                    &headway(0.05, distance),
                     surroundings,
                     false,
                     0.01,
@@ -144,7 +183,7 @@ mod tests {
         let against = Surroundings { pressing: 0.5, ..free };
         let mut standstill = Standstill::default();
         let mut advance = |surroundings, speed, led| {
-            standstill.advance(LifeCycle::Running, speed, 0.2, surroundings, led, 0.9)
+            standstill.advance(LifeCycle::Running, &headway(speed, 0.2), surroundings, led, 0.9)
         };
         for _ in 0..9 {
             assert_eq!(advance(&free, 0.0, true), Reason::None, "it is held");
@@ -155,5 +194,24 @@ mod tests {
         assert_eq!(advance(&free, 0.0, true), Reason::None);
         assert_eq!(advance(&against, 0.0, true), Reason::None);
         assert_eq!(advance(&against, 0.0, true), Reason::Blocked, "it is led into an obstacle");
+    }
+
+    #[test]
+    fn an_arm_that_drifts_while_its_goal_rests_is_told_to_be_out_of_reach() {
+        let free = Surroundings { pressing: 0.0, clearance_min_m: f64::INFINITY };
+        let after = |goal_speed_m_s: f64, energy: f64, seconds: usize| {
+            let mut standstill = Standstill::default();
+            let mut headway = Headway { speed: 0.1, distance_m: 0.2, energy: 1.0, goal_speed_m_s };
+            let mut reason = Reason::None;
+            for _ in 0..seconds * 100 {
+                headway.energy *= energy.powf(0.01);
+                reason = standstill.advance(LifeCycle::Running, &headway, &free, false, 0.01);
+            }
+            reason
+        };
+        assert_eq!(after(0.0, 0.99, 4), Reason::Unreachable);
+        assert_eq!(after(0.0, 0.99, 2), Reason::None, "not yet");
+        assert_eq!(after(0.0, 0.9, 9), Reason::None, "it goes round its goal and gets on");
+        assert_eq!(after(0.1, 0.99, 9), Reason::None, "it follows its goal");
     }
 }

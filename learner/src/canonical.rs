@@ -350,7 +350,9 @@ fn frame_map(
     let scales = scales(&skill.scale, (high - low).length(), 0.0);
     let turns = skill.manifold.has_orientation();
     let scales = [scales[0], if turns { scales[1] } else { 0.0 }];
-    let adapts = anchors.len() == 2 && matches!(skill.fit, FitSettings::Canonical(_));
+    // A frame in between is passed at its phase: the way does not bend there, nor turn at another one.
+    let two = anchors.len() == 2;
+    let adapts = two && matches!(skill.fit, FitSettings::Canonical(_));
     let apart = |map: &FrameMap| spread(&seen(map, shown, pace, scales));
     // With what the way bends by, and how far a demonstration lies from what the others foretell.
     let learned = |map: FrameMap| -> (FrameMap, f64) {
@@ -361,6 +363,11 @@ fn frame_map(
         let learned = adaptation::learn(&seen(&map, shown, pace, scales), &phases, scales);
         (map.adapting(learned.adaptation), learned.error)
     };
+    let is_slow = |map: &FrameMap| {
+        let phases: Vec<f64> = map.anchors().iter().map(|anchor| anchor.phase).collect();
+        let slow = |phases: &[f64]| phases.windows(2).all(|pair| pair[1] - pair[0] >= CHANGE_MIN);
+        slow(&phases) && slow(map.turn_phases())
+    };
     // Of the changes at some phases that are not too fast, and none, the one with which the
     // demonstrations lie nearest to each other.
     let nearest =
@@ -369,11 +376,7 @@ fn frame_map(
             for step in 0..CHANGES_COMPARED * CHANGES_COMPARED {
                 let phase = |i: usize| 0.5 * i as f64 / (CHANGES_COMPARED - 1) as f64;
                 let phases = [phase(step / CHANGES_COMPARED), 1.0 - phase(step % CHANGES_COMPARED)];
-                let Some(map) =
-                    changed(phases).ok().filter(|_| phases[1] - phases[0] >= CHANGE_MIN)
-                else {
-                    continue;
-                };
+                let Some(map) = changed(phases).ok().filter(is_slow) else { continue };
                 let apart = apart(&map);
                 if apart < best.1 {
                     best = (map, apart);
@@ -397,7 +400,7 @@ fn frame_map(
         // Displacement and turn change together, or at phases of their own.
         let together = nearest(&whole, &changed);
         let mut candidates = vec![together];
-        if turns {
+        if two && turns {
             for map in [whole, together] {
                 candidates.push(nearest(&map, &|phases| map.turning(phases)));
             }
@@ -567,5 +570,63 @@ mod tests {
             assert!((rate - path.velocities[i]).length() < 1e-4);
             assert!((bend - path.accelerations[i]).length() < 1e-2);
         }
+    }
+
+    #[test]
+    fn a_path_that_begins_in_motion_begins_at_rest_and_is_caught_up_with() {
+        let dt = 0.01;
+        let velocity = DVec3::new(0.3, -0.1, 0.2);
+        let mut path = Path {
+            points: (0..200).map(|i| velocity * (f64::from(i) * dt)).collect(),
+            velocities: vec![velocity; 200],
+            accelerations: vec![DVec3::ZERO; 200],
+        };
+        let shown = path.points.clone();
+        start_from_rest(&mut path, 12.0, dt);
+        assert_eq!((path.points[0], path.velocities[0]), (DVec3::ZERO, DVec3::ZERO));
+        let behind: Vec<f64> =
+            path.points.iter().zip(&shown).map(|(a, b)| (*a - *b).length()).collect();
+        let most = behind.iter().copied().fold(0.0, f64::max);
+        assert!((most - velocity.length() / (12.0 * std::f64::consts::E)).abs() < 1e-4);
+        assert!(behind[100] < 1e-4 * velocity.length());
+        for i in 1..199 {
+            let rate = (path.points[i + 1] - path.points[i - 1]) / (2.0 * dt);
+            let bend = (path.velocities[i + 1] - path.velocities[i - 1]) / (2.0 * dt);
+            assert!((rate - path.velocities[i]).length() < 2e-2 * velocity.length());
+            assert!((bend - path.accelerations[i]).length() < 0.4 * velocity.length());
+        }
+    }
+
+    #[test]
+    fn rest_is_cut_to_the_sample_and_noise_is_no_motion() {
+        let shown = |noise: f64| {
+            let sample = |i: i32| {
+                let t = f64::from(i.clamp(30, 330) - 30) / 300.0;
+                let chance = (f64::from(i) * 12.9898).sin() * noise;
+                let position = DVec3::new(0.4 * t + chance, 0.1 * t, 0.0);
+                Pose { position, orientation: DQuat::IDENTITY }
+            };
+            Demonstration {
+                name: "a".into(),
+                sha256: String::new(),
+                skill: "line".into(),
+                manifold: tprmp_model::skill_model::Manifold::R2,
+                sampling_time_s: 0.005,
+                start: Pose::IDENTITY,
+                goal_frame: Pose::IDENTITY,
+                other_frames: std::collections::BTreeMap::new(),
+                poses: (0..400).map(sample).collect(),
+            }
+        };
+        let smoothing = Smoothing { window_s: 0.4, degree: 3, rest_speed_share: 0.01 };
+        let scale = Scale { span: 2.75, position_span_min_m: 0.1, orientation_span_min_rad: 1.0 };
+        let ranges = moving_ranges(&[shown(0.0)], &smoothing, &scale).unwrap();
+        assert_eq!(ranges, [30..331]);
+        // Some noise: the smoothed speed tells.
+        let noisy = moving_ranges(&[shown(2e-5)], &smoothing, &scale).unwrap();
+        assert!(noisy[0].start.abs_diff(30) <= 40 && noisy[0].end.abs_diff(331) <= 40, "{noisy:?}");
+        let still = Demonstration { poses: vec![Pose::IDENTITY; 50], ..shown(0.0) };
+        let error = moving_ranges(&[still], &smoothing, &scale).unwrap_err().to_string();
+        assert!(error.contains("does not move"), "{error}");
     }
 }

@@ -251,7 +251,7 @@ fn stored_canonical(
         start_phase: map.anchors()[0].phase.min(goal.phase),
         goal_phase: goal.phase,
         start_turn_phase: map.turn_phases()[0],
-        goal_turn_phase: map.turn_phases()[1],
+        goal_turn_phase: map.turn_phases()[map.anchors().len() - 1],
         waypoints: ways.map(waypoint).collect(),
         adaptation: map.adaptation().map(Into::into),
     }

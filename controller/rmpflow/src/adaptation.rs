@@ -6,13 +6,14 @@
 //!
 //! ```text
 //! y = y° − E(s) u          E(s) = Σ_j b_j(s) E_j          j = 1 … 9
-//! u = (u_p, u_r)           u_i = v_i/(1 + (|v_i|/2)⁴)^¼,  v_i = δ_i/ℓ_i
+//! u = (u_p, u_r)           u_i = v_i/(1 + (|v_i|/ρ)⁸)^⅛,  v_i = δ_i/ℓ_i,  ρ = 5/4
 //! ```
 //!
 //! with y° what the frames alone give, b_j cubic B-splines over the phase that vanish at 0 and 1 with
 //! their first two derivatives, δ_p and δ_r displacement and turn of the goal against the start, 0 in
 //! canonical coordinates, and ℓ_i the largest that was shown. So start and goal stay where the frames
-//! put them, and the way bends by twice what was shown at most, wherever the goal is.
+//! put them, and the way bends by a quarter more than was shown at most, wherever the goal is: beyond what
+//! was shown it is carried, and no more is made up.
 //!
 //! For a given phase it is a shift of y that does not depend on the place: nothing folds.
 
@@ -27,8 +28,8 @@ pub const COORDINATES: usize = 6;
 
 /// Distance of their knots.
 const KNOTS: f64 = 1.0 / (SPLINES + 3) as f64;
-/// 1/ρ⁴, with ρ = 2 the largest |u|; where |u| is 1 it is linear up to two hundredths.
-const BOUND: f64 = 1.0 / 16.0;
+/// ρ, the largest |u|; up to |v| = 1 u is linear up to two hundredths.
+const REACH: f64 = 1.25;
 
 /// E_j: row by row, position before rotation, \[m or rad per unit of u\].
 pub type Bend = [[f64; COORDINATES]; COORDINATES];
@@ -74,13 +75,21 @@ impl Adaptation {
             }
             let v = shift[i].times(S::constant(1.0 / reach[i]));
             let squared = v.dot(v);
-            // h = w^(−¼) as a function of q = |v|², w = 1 + q²/ρ⁴.
-            let q = squared.value();
-            let inside = 1.0 / (1.0 + BOUND * q * q);
-            let h = inside.sqrt().sqrt();
-            let slope = -0.5 * BOUND * h * inside;
-            let bend = slope * (1.0 - 2.5 * BOUND * q * q * inside);
-            v.times(squared.chain([h, slope * q, bend]))
+            // h = w^(−⅛) as a function of q = |v|², w = 1 + (q/ρ²)⁴.
+            let (q, scale) = (squared.value(), 1.0 / (REACH * REACH));
+            let share = q * scale;
+            let (cubed, inside) = (share.powi(3), 1.0 / (1.0 + share.powi(4)));
+            let h = inside.sqrt().sqrt().sqrt();
+            let slope = -0.5 * scale * cubed * h * inside;
+            let bend = -0.5
+                * scale
+                * scale
+                * share
+                * share
+                * h
+                * inside
+                * (3.0 - 4.5 * cubed * share * inside);
+            v.times(squared.chain([h, slope, bend]))
         })
     }
 
@@ -154,13 +163,14 @@ mod tests {
     }
 
     #[test]
-    fn a_shift_counts_for_twice_what_was_shown_at_most() {
+    fn a_shift_counts_for_a_quarter_more_than_was_shown_at_most() {
         let u = |metres: f64| {
             let shift = [Vec3([metres, 0.0, 0.0]), Vec3([0.0, 1.0, 0.0])];
             Adaptation::bounded([0.2, 0.0], shift)
         };
         assert!((u(1e-4)[0].0[0] - 5e-4).abs() < 1e-9);
-        assert!(u(1e9)[0].0[0] <= 2.0 && u(1e3)[0].0[0] > 1.999);
+        assert!(u(1e9)[0].0[0] <= REACH + 1e-12 && u(1e3)[0].0[0] > 1.249);
+        assert!((u(0.2)[0].0[0] - 1.0).abs() < 0.02);
         // No turn was shown.
         assert_eq!(u(0.1)[1], Vec3([0.0; 3]));
         // Its derivatives in time.

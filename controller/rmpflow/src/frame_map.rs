@@ -319,11 +319,10 @@ impl FrameMap {
         Ok(self)
     }
 
-    /// Phases at which the turn of the first anchor's frame begins to fade, and that of the last one's
-    /// rules.
+    /// Phases at which the turn of each anchor's frame rules.
     #[must_use]
-    pub fn turn_phases(&self) -> [f64; 2] {
-        [self.turn_phases[0], self.turn_phases[self.count - 1]]
+    pub fn turn_phases(&self) -> &[f64] {
+        &self.turn_phases[..self.count]
     }
 
     /// The same map, whose way bends with its goal; it should have two anchors, since what bends does
@@ -847,7 +846,7 @@ mod tests {
         let three = map(&[start, way, goal_frame]).unwrap();
         assert_eq!(three.turning([0.39, 1.0]).unwrap_err(), FrameMapError::PhasesTooClose(1));
         assert_eq!(three.turning([0.0, f64::NAN]).unwrap_err(), FrameMapError::PhasesTooClose(2));
-        assert_eq!(three.turning([0.1, 0.8]).unwrap().turn_phases(), [0.1, 0.8]);
+        assert_eq!(three.turning([0.1, 0.8]).unwrap().turn_phases(), [0.1, 0.4, 0.8]);
         assert!(three.displace(&frames(0.0)[..2]).is_none());
         assert_eq!(three.frame_count(), 3);
     }
