@@ -354,6 +354,8 @@ fn frame_map(
     let two = anchors.len() == 2;
     let adapts = two && matches!(skill.fit, FitSettings::Canonical(_));
     let apart = |map: &FrameMap| spread(&seen(map, shown, pace, scales));
+    // A frame in between is passed at its phase: the way does not bend there.
+    let adapts = anchors.len() == 2 && matches!(skill.fit, FitSettings::Canonical(_));
     // With what the way bends by, and how far a demonstration lies from what the others foretell.
     let learned = |map: FrameMap| -> (FrameMap, f64) {
         if !adapts {
@@ -363,55 +365,27 @@ fn frame_map(
         let learned = adaptation::learn(&seen(&map, shown, pace, scales), &phases, scales);
         (map.adapting(learned.adaptation), learned.error)
     };
-    let is_slow = |map: &FrameMap| {
-        let phases: Vec<f64> = map.anchors().iter().map(|anchor| anchor.phase).collect();
-        let slow = |phases: &[f64]| phases.windows(2).all(|pair| pair[1] - pair[0] >= CHANGE_MIN);
-        slow(&phases) && slow(map.turn_phases())
-    };
-    // Of the changes at some phases that are not too fast, and none, the one with which the
-    // demonstrations lie nearest to each other.
-    let nearest =
-        |whole: &FrameMap, changed: &dyn Fn([f64; 2]) -> Result<FrameMap, FrameMapError>| {
-            let mut best = (*whole, apart(whole));
-            for step in 0..CHANGES_COMPARED * CHANGES_COMPARED {
-                let phase = |i: usize| 0.5 * i as f64 / (CHANGES_COMPARED - 1) as f64;
-                let phases = [phase(step / CHANGES_COMPARED), 1.0 - phase(step % CHANGES_COMPARED)];
-                let Some(map) = changed(phases).ok().filter(is_slow) else { continue };
-                let apart = apart(&map);
-                if apart < best.1 {
-                    best = (map, apart);
-                }
-            }
-            best.0
-        };
     let best = |turn: bool| -> Result<(FrameMap, f64), FrameMapError> {
         let whole = FrameMap::new(anchors, mean.goal, turn)?;
-        let mut best = learned(whole);
+        let mut best = (whole, apart(&whole));
         let most = CHANGE_SHARE * best.1;
-        if anchors.len() < 2 {
-            return Ok(best);
-        }
-        let changed = |phases: [f64; 2]| {
+        let phase = |i: usize| 0.5 * i as f64 / (CHANGES_COMPARED - 1) as f64;
+        for step in 0..CHANGES_COMPARED * CHANGES_COMPARED {
             let mut anchors = anchors.to_vec();
-            anchors[0].phase = phases[0];
-            anchors.last_mut().expect("there are two").phase = phases[1];
-            FrameMap::new(&anchors, mean.goal, turn)
-        };
-        // Displacement and turn change together, or at phases of their own.
-        let together = nearest(&whole, &changed);
-        let mut candidates = vec![together];
-        if two && turns {
-            for map in [whole, together] {
-                candidates.push(nearest(&map, &|phases| map.turning(phases)));
+            let [first, .., last] = &mut anchors[..] else { break };
+            first.phase = phase(step / CHANGES_COMPARED);
+            last.phase = 1.0 - phase(step % CHANGES_COMPARED);
+            if anchors.windows(2).any(|pair| pair[1].phase - pair[0].phase < CHANGE_MIN) {
+                continue;
+            }
+            let map = FrameMap::new(&anchors, mean.goal, turn)?;
+            let apart = apart(&map);
+            if apart < best.1.min(most) {
+                best = (map, apart);
             }
         }
-        for map in candidates {
-            let candidate = learned(map);
-            if candidate.1 < best.1.min(most) {
-                best = candidate;
-            }
-        }
-        Ok(best)
+        // First as the frames carry it, which holds wherever they are; then what is left of it.
+        Ok(learned(best.0))
     };
     let (turning, upright) = (best(true)?, best(false)?);
     // Frames that turn and a way that does not: then positions do not follow the turn.

@@ -250,8 +250,6 @@ fn stored_canonical(
         positions_turn: map.positions_turn(),
         start_phase: map.anchors()[0].phase.min(goal.phase),
         goal_phase: goal.phase,
-        start_turn_phase: map.turn_phases()[0],
-        goal_turn_phase: map.turn_phases()[map.anchors().len() - 1],
         waypoints: ways.map(waypoint).collect(),
         adaptation: map.adaptation().map(Into::into),
     }

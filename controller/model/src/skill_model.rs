@@ -193,10 +193,6 @@ pub struct Canonical {
     pub start_phase: f64,
     /// Phase from which on it is fixed to the goal frame, up to 1.
     pub goal_phase: f64,
-    /// Phase up to which the skill is turned with the start frame, from 0.
-    pub start_turn_phase: f64,
-    /// Phase from which on it is turned with the goal frame, up to 1.
-    pub goal_turn_phase: f64,
     /// Further frames, in the order in which the skill passes them.
     pub waypoints: Vec<Waypoint>,
     /// How the way bends with the shift of the goal frame against the start frame, as far as the

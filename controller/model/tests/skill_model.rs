@@ -88,8 +88,6 @@ fn model() -> SkillModel {
             positions_turn: true,
             start_phase: 0.1,
             goal_phase: 1.0,
-            start_turn_phase: 0.0,
-            goal_turn_phase: 0.9,
             waypoints: vec![Waypoint {
                 frame: "way".into(),
                 pose: pose(0.4),
@@ -311,10 +309,6 @@ fn dimensions_names_and_poses_are_checked() {
     assert_eq!(folder.invalid(start).0, "canonical.start_phase");
     let goal = |m: &mut SkillModel| m.canonical.goal_phase = f64::NAN;
     assert_eq!(folder.invalid(goal).0, "canonical.goal_phase");
-    let turn = |m: &mut SkillModel| m.canonical.start_turn_phase = 1.1;
-    assert_eq!(folder.invalid(turn).0, "canonical.start_turn_phase");
-    let late = |m: &mut SkillModel| m.canonical.start_turn_phase = 0.39;
-    assert_eq!(folder.invalid(late).0, "canonical.waypoints");
     let many = |m: &mut SkillModel| {
         let one = position(m).components[0].clone();
         position(m).components = vec![one; 99];

@@ -12,9 +12,6 @@
 //! x_p  = p(s) + R(s) (y_p − c(s))              x_q = R(s) q_g exp(y_r)
 //! ```
 //!
-//! with α_p in the line of R at the same phases or, at start and goal, at phases of the turn's own
-//! ([`FrameMap::turning`]): a tool may have turned long before it arrives.
-//!
 //! c_p is a point fixed to frame p in canonical coordinates, x_p its image in the world, Q_p the
 //! rotation of the frame against its canonical orientation. Where all α before p are 1 and all others
 //! 0, this is the displacement of frame p. Positions need not turn with the frames: a tool that comes
@@ -200,8 +197,6 @@ pub struct FrameMap {
     /// The goal as seen from the frame that carries it.
     grasp: Pose,
     positions_turn: bool,
-    /// s_p in R(s).
-    turn_phases: [f64; FRAME_CAPACITY],
     adaptation: Option<Adaptation>,
 }
 
@@ -241,24 +236,6 @@ pub fn ramp(t: f64, rise: f64) -> [f64; 3] {
     ]
 }
 
-/// α_p and its first two derivatives by the phase.
-fn ramp_between<S: Real>(from: f64, to: f64, phase: S) -> [f64; 3] {
-    let rate = 1.0 / (to - from);
-    let [value, slope, bend] = ramp((phase.value() - from) * rate, RISE);
-    [value, slope * rate, bend * rate * rate]
-}
-
-/// Whether each phase lies far enough after the one before it.
-fn in_order(phases: &[f64]) -> Result<(), FrameMapError> {
-    for (i, pair) in phases.windows(2).enumerate() {
-        let distance = pair[1] - pair[0];
-        if !(distance.is_finite() && distance >= PHASE_DISTANCE_MIN) {
-            return Err(FrameMapError::PhasesTooClose(i + 1));
-        }
-    }
-    Ok(())
-}
-
 /// p(s), c(s) and R(s): how the frames carry the space at a phase, see [`FrameMap::at`].
 #[derive(Debug, Clone, Copy)]
 pub struct Carried<'a, S> {
@@ -292,37 +269,16 @@ impl FrameMap {
         let Some(last) = anchors.last().filter(|_| count <= FRAME_CAPACITY) else {
             return Err(FrameMapError::AnchorCount(count));
         };
+        for (i, pair) in anchors.windows(2).enumerate() {
+            let distance = pair[1].phase - pair[0].phase;
+            if !(distance.is_finite() && distance >= PHASE_DISTANCE_MIN) {
+                return Err(FrameMapError::PhasesTooClose(i + 1));
+            }
+        }
         let mut stored = [*last; FRAME_CAPACITY];
         stored[..count].copy_from_slice(anchors);
-        let turn_phases = stored.map(|anchor| anchor.phase);
-        in_order(&turn_phases[..count])?;
         let grasp = last.frame.inverse().compose(&goal);
-        Ok(Self {
-            anchors: stored,
-            count,
-            goal,
-            grasp,
-            positions_turn,
-            turn_phases,
-            adaptation: None,
-        })
-    }
-
-    /// The same map, which turns from the first anchor's frame into the last one's between these phases.
-    ///
-    /// # Errors
-    /// When they are not in order with each other and with the phases of the anchors between.
-    pub fn turning(mut self, phases: [f64; 2]) -> Result<Self, FrameMapError> {
-        self.turn_phases[0] = phases[0];
-        self.turn_phases[self.count - 1..].fill(phases[1]);
-        in_order(&self.turn_phases[..self.count])?;
-        Ok(self)
-    }
-
-    /// Phases at which the turn of each anchor's frame rules.
-    #[must_use]
-    pub fn turn_phases(&self) -> &[f64] {
-        &self.turn_phases[..self.count]
+        Ok(Self { anchors: stored, count, goal, grasp, positions_turn, adaptation: None })
     }
 
     /// The same map, whose way bends with its goal; it should have two anchors, since what bends does
@@ -432,6 +388,14 @@ impl FrameMap {
         Some(self.shift(&displacement, Quat::constant(turn)).map(Vec3::value))
     }
 
+    /// α_p as a function of the phase.
+    fn ramp_at(&self, p: usize, phase: f64) -> [f64; 3] {
+        let (from, to) = (self.anchors[p].phase, self.anchors[p + 1].phase);
+        let rate = 1.0 / (to - from);
+        let [value, slope, bend] = ramp((phase - from) * rate, RISE);
+        [value, slope * rate, bend * rate * rate]
+    }
+
     /// How the space is carried at a moving phase s with the rate ṡ \[1/s\].
     ///
     /// Hot path: no allocation. Input that is not finite gives output that is not finite.
@@ -447,7 +411,7 @@ impl FrameMap {
         let mut turn = S::quaternion(d.rotation);
         let mut rates = [DVec3::ZERO; 3];
         for p in 0..self.count - 1 {
-            let ramp = ramp_between(self.anchors[p].phase, self.anchors[p + 1].phase, phase);
+            let ramp = self.ramp_at(p, phase.value());
             let (alpha, slope) = (phase.chain(ramp), ramp[1]);
             let step = S::vector(d.images[p + 1]).minus(S::vector(d.images[p]));
             image = image.plus(step.times(alpha));
@@ -455,8 +419,6 @@ impl FrameMap {
             let step = self.anchors[p + 1].point - self.anchors[p].point;
             centre = centre.plus(Vec3::constant(step).times(alpha));
             rates[1] += step * slope;
-            let ramp = ramp_between(self.turn_phases[p], self.turn_phases[p + 1], phase);
-            let (alpha, slope) = (phase.chain(ramp), ramp[1]);
             let twist = S::vector(d.twists[p]);
             let further = Quat::exp(twist.times(alpha));
             turn = further.times(turn);
@@ -631,8 +593,6 @@ mod tests {
             maps.push(FrameMap::new(&[start, way, goal_frame], goal(), turn).unwrap());
             maps.push(FrameMap::new(&[goal_frame], goal(), turn).unwrap());
             maps.push(maps[maps.len() - 3].adapting(Some(adaptation())));
-            maps.push(maps[maps.len() - 4].turning([0.1, 0.65]).unwrap());
-            maps.push(maps[maps.len() - 4].turning([0.05, 0.95]).unwrap());
         }
         maps
     }
@@ -844,9 +804,6 @@ mod tests {
         let late = Anchor { phase: f64::NAN, ..way };
         assert_eq!(map(&[start, late]).unwrap_err(), FrameMapError::PhasesTooClose(1));
         let three = map(&[start, way, goal_frame]).unwrap();
-        assert_eq!(three.turning([0.39, 1.0]).unwrap_err(), FrameMapError::PhasesTooClose(1));
-        assert_eq!(three.turning([0.0, f64::NAN]).unwrap_err(), FrameMapError::PhasesTooClose(2));
-        assert_eq!(three.turning([0.1, 0.8]).unwrap().turn_phases(), [0.1, 0.4, 0.8]);
         assert!(three.displace(&frames(0.0)[..2]).is_none());
         assert_eq!(three.frame_count(), 3);
     }

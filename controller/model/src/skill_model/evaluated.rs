@@ -81,8 +81,7 @@ impl SkillModel {
         let goal = &canonical.goal;
         let (frame, phase) = (&canonical.goal_frame, canonical.goal_phase);
         anchors.push(anchor(&self.goal_frame, frame, goal.position_m, phase));
-        let map = FrameMap::new(&anchors, (*goal).into(), canonical.positions_turn)?
-            .turning([canonical.start_turn_phase, canonical.goal_turn_phase])?;
+        let map = FrameMap::new(&anchors, (*goal).into(), canonical.positions_turn)?;
         let adaptation = canonical.adaptation.as_ref();
         Ok(map.adapting(adaptation.and_then(super::Adaptation::evaluated)))
     }

@@ -117,13 +117,10 @@ impl SkillModel {
         };
         range("start_phase", self.canonical.start_phase)?;
         range("goal_phase", self.canonical.goal_phase)?;
-        range("start_turn_phase", self.canonical.start_turn_phase)?;
-        range("goal_turn_phase", self.canonical.goal_turn_phase)?;
         self.frame_map().map(|_| ()).map_err(|error| {
             let problem = format!(
-                "expected phases that rise from `start_phase` to `goal_phase`, and from \
-                 `start_turn_phase` to `goal_turn_phase`, by at least {PHASE_DISTANCE_MIN} a frame \
-                 ({error:?})"
+                "expected phases that rise from `start_phase` to `goal_phase` by at least \
+                 {PHASE_DISTANCE_MIN} a frame ({error:?})"
             );
             ("canonical.waypoints".into(), problem)
         })
