@@ -83,6 +83,22 @@ pub fn inspected(model: &SkillModel) -> String {
     for way in &model.canonical.waypoints {
         pose(&mut text, &format!("{} at {:.2}", way.frame, way.phase), &way.pose);
     }
+    if let Some(adaptation) = &model.canonical.adaptation {
+        let most = |rows: std::ops::Range<usize>| -> f64 {
+            let rows = adaptation.bends.iter().flat_map(|bend| &bend[rows.clone()]);
+            rows.flatten().copied().map(f64::abs).fold(0.0, f64::max)
+        };
+        writeln!(
+            text,
+            "the way adapts to the goal's shift against the start, shown up to {:.3} m and {:.1}°: \
+             coefficients up to {:.1} mm, {:.2}°",
+            adaptation.reach_m,
+            adaptation.reach_rad.to_degrees(),
+            1e3 * most(0..3),
+            most(3..6).to_degrees()
+        )
+        .expect("a string grows");
+    }
     match &model.policy {
         Policy::Canonical { position, orientation } => {
             field(&mut text, "position", "m", position);

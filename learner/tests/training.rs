@@ -313,7 +313,14 @@ fn the_command_trains_inspects_and_says_what_is_wrong() {
     for part in ["made_up (R2)", "position field", "seed 3", "mixture.components = 9", "sha256"] {
         assert!(said.contains(part), "`{part}` is missing in\n{said}");
     }
-    assert_eq!(said, report::inspected(&skill_model::read(&model).unwrap()));
+    let mut read = skill_model::read(&model).unwrap();
+    assert_eq!(said, report::inspected(&read));
+    let mut bends = vec![[[0.0; skill_model::COORDINATES]; skill_model::COORDINATES]; 9];
+    bends[2][1][0] = -0.025;
+    read.canonical.adaptation =
+        Some(skill_model::Adaptation { reach_m: 0.125, reach_rad: 0.0, bends });
+    let said = report::inspected(&read);
+    assert!(said.contains("up to 0.125 m and 0.0°: coefficients up to 25.0 mm"), "{said}");
 
     std::fs::remove_file(&model).unwrap();
     folder.write("shown/made_up_02.json", "{");
