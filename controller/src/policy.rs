@@ -93,6 +93,10 @@ impl LinkPart {
     }
 }
 
+/// A point that may come near an obstacle does so at its goal; elsewhere it keeps clear within this share
+/// of the distance to its goal besides, so that it can come down on its goal steeply, 30° or more.
+const GOAL_SHARE: f64 = 0.5;
+
 /// What the policy needs between ticks, and where it puts its intermediate results.
 #[derive(Debug)]
 pub struct Workspace<const N: usize> {
@@ -186,10 +190,16 @@ impl<const N: usize> Body<N> for Links<'_, N> {
             Shape::HalfSpace => ExemptObstacle::HalfSpace,
         };
         let exempt = self.policy.points[i].exempt.iter();
-        exempt
+        let within = exempt
             .filter(|(of, _)| *of == kind)
             .map(|(_, within)| *within)
-            .fold(f64::INFINITY, f64::min)
+            .fold(f64::INFINITY, f64::min);
+        if within <= 0.0 || within == f64::INFINITY {
+            return within;
+        }
+        // Near only where the task asks for it: it must be able to brake elsewhere.
+        let left = self.at_goal(i).map_or(0.0, |goal| (goal - self.ball(i).0).length());
+        within + left * GOAL_SHARE
     }
 
     /// Known of the points that move with the tool.

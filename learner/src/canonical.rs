@@ -350,9 +350,6 @@ fn frame_map(
     let scales = scales(&skill.scale, (high - low).length(), 0.0);
     let turns = skill.manifold.has_orientation();
     let scales = [scales[0], if turns { scales[1] } else { 0.0 }];
-    // A frame in between is passed at its phase: the way does not bend there, nor turn at another one.
-    let two = anchors.len() == 2;
-    let adapts = two && matches!(skill.fit, FitSettings::Canonical(_));
     let apart = |map: &FrameMap| spread(&seen(map, shown, pace, scales));
     // A frame in between is passed at its phase: the way does not bend there.
     let adapts = anchors.len() == 2 && matches!(skill.fit, FitSettings::Canonical(_));

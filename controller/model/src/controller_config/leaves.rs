@@ -28,7 +28,9 @@ pub enum Extent {
     Whole,
     /// The points this near to the axis of the joint that moves the link, which can hardly give way \[m\].
     NearAxis(f64),
-    /// Nothing once the clearance, margin taken off, is below this; above it nobody minds \[m\].
+    /// Nothing once the clearance, margin taken off, is below this; above it nobody minds \[m\]. Of
+    /// points that move with the tool that is so at their goal; elsewhere they keep half the distance to it
+    /// besides.
     Above(f64),
 }
 
