@@ -1,9 +1,10 @@
 //! What all compared policies have in common: they say how they want to accelerate.
 
 use glam::DVec3;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Vector6};
 use tprmp_model::skill_model::{EvaluationError, Policy, SkillModel};
 use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::governor::SpeedGovernor;
 use tprmp_rmpflow::natural::Natural;
 use tprmp_rmpflow::policy::{self, PolicyState};
 use tprmp_rmpflow::skill::{SkillInertia, SkillValue};
@@ -14,6 +15,12 @@ use tprmp_rmpflow::skill::{SkillInertia, SkillValue};
 pub const INERTIA_KG: f64 = 5.0;
 /// The same of its turning [kg m²].
 pub const INERTIA_KG_M2: f64 = 0.05;
+
+/// Largest speed that the default policy, and what leads it around obstacles, asks for [m/s]: as in the
+/// shipped planar controller. Far from its demonstrations a field asks for any.
+pub const SPEED_MAX_M_S: f64 = 4.3;
+/// The same of turning [rad/s].
+const ANGULAR_SPEED_MAX_RAD_S: f64 = 10.0;
 
 /// A body's state and the frames around it.
 #[derive(Clone, Copy, Debug)]
@@ -76,6 +83,8 @@ pub fn point_wish(acceleration: DVec3) -> Wish {
 pub struct Model {
     policy: policy::Policy,
     inertia: SkillInertia,
+    /// Of the default policy; the thesis' has none.
+    governor: Option<SpeedGovernor>,
 }
 
 impl Model {
@@ -86,7 +95,15 @@ impl Model {
     pub fn new(model: &SkillModel) -> Result<Self, EvaluationError> {
         let linear_kg = thesis_inertia_kg(model).unwrap_or(INERTIA_KG);
         let inertia = SkillInertia { linear_kg, angular_kg_m2: INERTIA_KG_M2 };
-        Ok(Self { policy: model.policy()?, inertia })
+        let governor = match &model.policy {
+            Policy::Canonical { position, .. } => Some(SpeedGovernor {
+                linear_max_m_s: SPEED_MAX_M_S,
+                angular_max_rad_s: ANGULAR_SPEED_MAX_RAD_S,
+                response_1_s: position.damping_1_s,
+            }),
+            Policy::Thesis(_) => None,
+        };
+        Ok(Self { policy: model.policy()?, inertia, governor })
     }
 
     /// A follower at the start.
@@ -122,7 +139,7 @@ pub struct Learned<'a> {
 
 impl Follower for Learned<'_> {
     fn evaluate(&mut self, now: &Moment) -> Wish {
-        let Model { policy, inertia } = self.model;
+        let Model { policy, inertia, governor } = self.model;
         let value = policy.evaluate(
             inertia,
             now.frames,
@@ -132,7 +149,10 @@ impl Follower for Learned<'_> {
             &mut self.state,
         );
         self.value = Some(value);
-        Wish { natural: value.natural, energy: value.energy }
+        let (v, w) = (now.linear, now.angular);
+        let velocity = Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z);
+        let natural = governor.map_or(value.natural, |g| g.govern(&value.natural, &velocity));
+        Wish { natural, energy: value.energy }
     }
 
     fn advance(&mut self, _wish: &Wish, linear: DVec3, angular: DVec3, step_s: f64) {

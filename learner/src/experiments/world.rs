@@ -10,7 +10,7 @@ use tprmp_rmpflow::leaves::CollisionAvoidance;
 use tprmp_rmpflow::natural::Natural;
 use tprmp_rmpflow::obstacle::{Obstacle, Shape};
 
-use super::follower::{Follower, INERTIA_KG, Moment};
+use super::follower::{Follower, INERTIA_KG, Moment, SPEED_MAX_M_S};
 use super::metric::{STOP_SPEED_M_S, STOP_STEPS};
 
 /// A body that is farther away has diverged [m].
@@ -142,7 +142,7 @@ const STEERING: Steering = Steering {
     gain: 4.0,
     response_1_s: 8.0,
     approach_1_s: 1.0,
-    speed_max_m_s: 4.3,
+    speed_max_m_s: SPEED_MAX_M_S,
     side: Side::Plane,
 };
 const MARGIN_M: f64 = 0.02;
