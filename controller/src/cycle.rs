@@ -208,6 +208,8 @@ impl<const N: usize> Cycle<N> {
                 Ok(reason) => (CommandMode::Track, reason),
                 Err(reason) => {
                     self.braking_for = Some(reason);
+                    // Whether the arm gets on is seen anew once it goes on.
+                    self.standstill = Standstill::default();
                     (self.brake(measured.ok(), dt), reason)
                 }
             };

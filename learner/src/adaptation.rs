@@ -35,6 +35,19 @@ pub struct Seen {
     pub path: Vec<[DVec3; 2]>,
 }
 
+/// Whether ways begin and end together, as the splines do: at both ends they lie apart by no more than half
+/// of what they do on the way.
+fn meet(paths: &[Vec<DVec3>]) -> bool {
+    let count = paths.len() as f64;
+    let apart = |step: usize| {
+        let mean = paths.iter().map(|path| path[step]).sum::<DVec3>() / count;
+        paths.iter().map(|path| (path[step] - mean).length_squared()).sum::<f64>()
+    };
+    let steps = paths[0].len();
+    let on_the_way = (0..steps).map(apart).sum::<f64>() / steps as f64;
+    apart(0).max(apart(steps - 1)) <= 0.25 * on_the_way
+}
+
 /// What was learned.
 #[derive(Clone, Copy, Debug)]
 pub struct Learned {
@@ -70,7 +83,7 @@ pub fn learn(seen: &[Seen], phases: &[f64], scales: [f64; 2]) -> Learned {
             seen.iter().map(|one| one.path.iter().map(|point| point[block]).collect()).collect();
         let by_mean = Regression::new(&shifts, &paths, &values, &[]).foretelling_error(1.0);
         let mut best = (by_mean, None);
-        if seen.len() >= DEMONSTRATIONS_MIN && by_mean > 0.0 {
+        if seen.len() >= DEMONSTRATIONS_MIN && by_mean > 0.0 && meet(&paths) {
             for parts in [&[0][..], &[1], &[0, 1]] {
                 if parts.iter().any(|part| reach[*part] == 0.0) {
                     continue;
@@ -271,6 +284,16 @@ mod tests {
         assert!((-1.1..-0.6).contains(&slope), "{slope}");
         assert!(adaptation.bends.iter().flatten().skip(3).step_by(6).flatten().all(|x| *x == 0.0));
         assert_eq!(adaptation.reach[1], 0.0);
+    }
+
+    #[test]
+    fn ways_that_begin_apart_are_not_bent_together() {
+        let mut seen = shown(6, 0.8, 0.0);
+        for one in &mut seen {
+            let aside = DVec3::Z * one.shift[0].x;
+            one.path.iter_mut().for_each(|point| point[0] += aside * 3.0);
+        }
+        assert!(learn(&seen, &phases(), SCALES).adaptation.is_none());
     }
 
     #[test]

@@ -351,8 +351,9 @@ fn frame_map(
     let turns = skill.manifold.has_orientation();
     let scales = [scales[0], if turns { scales[1] } else { 0.0 }];
     let apart = |map: &FrameMap| spread(&seen(map, shown, pace, scales));
-    // A frame in between is passed at its phase: the way does not bend there.
-    let adapts = anchors.len() == 2 && matches!(skill.fit, FitSettings::Canonical(_));
+    // A frame in between is passed at its phase, and to one frame nothing shifts: there nothing bends.
+    let two = anchors.len() == 2 && skill.start_frame != skill.goal_frame;
+    let adapts = two && matches!(skill.fit, FitSettings::Canonical(_));
     // With what the way bends by, and how far a demonstration lies from what the others foretell.
     let learned = |map: FrameMap| -> (FrameMap, f64) {
         if !adapts {
