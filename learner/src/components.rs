@@ -18,7 +18,7 @@ use crate::demonstration::Demonstration;
 use crate::error::LearnerError;
 use crate::skill::Skill;
 use crate::tp_gmm::Samples;
-use crate::train::with_start;
+use crate::train::prepared;
 
 /// Where the number of Gaussians comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,7 +105,7 @@ pub fn choose(
     for end in [*range.start(), *range.end()] {
         skill.clone().with_components(end).map_err(LearnerError::Components)?;
     }
-    let demonstrations = &with_start(skill, demonstrations);
+    let demonstrations = &prepared(skill, demonstrations);
     let set = canonicalise(skill, demonstrations)?;
     let samples = Samples::new(skill, demonstrations, &set);
     let most = samples.components_max();

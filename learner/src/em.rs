@@ -70,7 +70,7 @@ pub struct Data {
 pub struct Settings {
     /// What is known of the order of the samples.
     pub topology: Topology,
-    /// How many.
+    /// Most iterations; fewer when the likelihood changes no more.
     pub iterations: u32,
     /// Added to the covariances' diagonal wherever they are inverted.
     pub regularisation: f64,
@@ -184,6 +184,9 @@ impl View {
     }
 }
 
+/// The iterations end when the mean log-likelihood of a sample changes by less [nat].
+const CONVERGED: f64 = 5e-8;
+
 /// Alternates maximisation and expectation. Without regularisation the likelihood never falls in
 /// Euclidean coordinates; with orientations it may, by some 1e-6 nat a sample, because their mean is
 /// the intrinsic one and not quite the most likely. Components that lose all samples keep a vanishing weight.
@@ -211,6 +214,11 @@ pub fn maximise(data: &Data, settings: &Settings) -> Maximised {
             ),
         };
         log_likelihoods.push(total / responsibilities.nrows() as f64);
+        if let [.., before, now] = log_likelihoods[..]
+            && (now - before).abs() < CONVERGED
+        {
+            break;
+        }
     }
     let mut times = mean_times(&responsibilities, &data.times);
     if settings.topology == Topology::Mixture && settings.ordering == Ordering::MeanTime {

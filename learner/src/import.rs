@@ -52,6 +52,9 @@ pub struct Selection {
     pub interpolation: Interpolation,
     /// Time between recorded samples in place of the file's own times [s].
     pub recorded_at_s: Option<f64>,
+    /// The frames with which the thesis learned a demonstration in place of its own, where a file of
+    /// the thesis' layout has them.
+    pub reference_frames: bool,
 }
 
 impl Selection {

@@ -27,6 +27,7 @@ pub mod policy;
 pub mod record;
 pub mod report;
 pub mod rollout;
+pub mod running_mean;
 pub mod savitzky_golay;
 pub mod skill;
 pub mod targets;

@@ -120,6 +120,9 @@ enum Command {
         /// Time between the recorded samples [s], in place of what the file says
         #[arg(long, value_name = "S")]
         recorded_at_s: Option<f64>,
+        /// Take the frames with which the thesis learned a demonstration, where its file has them
+        #[arg(long)]
+        reference_frames: bool,
     },
 }
 
@@ -208,6 +211,7 @@ fn run(command: Command) -> Result<(), LearnerError> {
             sampling_time_s,
             interpolation,
             recorded_at_s,
+            reference_frames,
         } => {
             let selection = Selection {
                 skill,
@@ -217,6 +221,7 @@ fn run(command: Command) -> Result<(), LearnerError> {
                 sampling_time_s,
                 interpolation,
                 recorded_at_s,
+                reference_frames,
             };
             for path in import(&foreign, &out, &selection)? {
                 print(&format!("wrote      {}\n", path.display()))?;

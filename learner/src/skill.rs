@@ -106,7 +106,7 @@ pub struct Mixture {
     pub initialisation: Initialisation,
     /// How the components are put in order.
     pub ordering: Ordering,
-    /// Iterations.
+    /// Most iterations; fewer when the likelihood changes no more.
     pub iterations: u32,
     /// Added to the covariances' diagonal in each iteration [ŷ²].
     pub regularisation: f64,
@@ -216,6 +216,20 @@ pub struct ThesisSettings {
     pub damping_target: DampingTarget,
     /// Every how many samples of a demonstration enter the fits.
     pub stride: usize,
+    /// How the demonstrations are smoothed before anything else; velocities are then differences of
+    /// neighbours. `None`: as the skill's `smoothing` says.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub running_mean: Option<RunningMean>,
+}
+
+/// A running mean with a Kaiser window.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunningMean {
+    /// Length of the window [s].
+    pub window_s: f64,
+    /// β: the larger, the narrower the window.
+    pub shape: f64,
 }
 
 /// What the dissipated energy is compared with.
@@ -365,6 +379,12 @@ impl Skill {
                 ("fit.huber_threshold", t.huber_threshold),
                 ("fit.damping_min", t.damping_min),
             ]),
+        }
+        if let FitSettings::Thesis(ThesisSettings { running_mean: Some(mean), .. }) = &self.fit {
+            positive.extend([
+                ("fit.running_mean.window_s", mean.window_s),
+                ("fit.running_mean.shape", mean.shape),
+            ]);
         }
         match positive.iter().find(|(_, x)| !(x.is_finite() && *x > 0.0)) {
             None => Ok(()),

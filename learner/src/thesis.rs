@@ -44,9 +44,6 @@ use crate::tp_gmm::frames;
 
 /// A slower sample shows no direction: share of the demonstration's largest speed.
 const SPEED_SHARE_MIN: f64 = 0.02;
-/// Dampings are as good as the best when the mean energy error is larger by no more than this,
-/// relative to the energy.
-const AS_GOOD: f64 = 1e-7;
 /// Neighbours that differ by less than this share of the largest value are equal.
 const ACTIVE: f64 = 1e-4;
 /// Names of the programs.
@@ -151,8 +148,12 @@ fn shown<const D: usize>(
     let field = state.field().ok_or_else(not_a_product)?.clone();
     let chart = state.goal().orientation.conjugate();
     let smoothed = |samples: &[DVec3]| {
-        let (window_s, degree) = (skill.smoothing.window_s, skill.smoothing.degree);
-        smooth(samples, demonstration.sampling_time_s, window_s, degree)
+        let dt = demonstration.sampling_time_s;
+        if settings.running_mean.is_some() {
+            return (samples.to_vec(), differences(samples, dt));
+        }
+        let path = smooth(samples, dt, skill.smoothing.window_s, skill.smoothing.degree);
+        (path.points, path.velocities)
     };
     let positions: Vec<DVec3> = demonstration.poses.iter().map(|pose| pose.position).collect();
     let rotations: Vec<DVec3> = demonstration
@@ -160,19 +161,28 @@ fn shown<const D: usize>(
         .iter()
         .map(|pose| if D == 6 { rotation_vector(chart * pose.orientation) } else { DVec3::ZERO })
         .collect();
-    let (position, rotation) = (smoothed(&positions), smoothed(&rotations));
+    let (position, linear_velocity) = smoothed(&positions);
+    let (rotation, angular_velocity) = smoothed(&rotations);
     let joined = |linear: DVec3, angular: DVec3| {
         SVector::<f64, D>::from_fn(|i, _| if i < 3 { linear[i] } else { angular[i - 3] })
     };
     let samples = moving
         .step_by(settings.stride)
         .map(|i| Sample {
-            point: joined(position.points[i], rotation.points[i]),
-            velocity: joined(position.velocities[i], rotation.velocities[i]),
+            point: joined(position[i], rotation[i]),
+            velocity: joined(linear_velocity[i], angular_velocity[i]),
             step_s: demonstration.sampling_time_s * settings.stride as f64,
         })
         .collect();
     Ok(Shown { samples, field })
+}
+
+/// Velocities as differences to the next sample; the last one is repeated.
+fn differences(samples: &[DVec3], sampling_time_s: f64) -> Vec<DVec3> {
+    let mut velocities: Vec<_> =
+        samples.windows(2).map(|pair| (pair[1] - pair[0]) / sampling_time_s).collect();
+    velocities.extend(velocities.last().copied());
+    velocities
 }
 
 /// φ⁰_k by eq. 4.15–4.16; the potentials of the fields do not enter.
@@ -302,17 +312,9 @@ pub fn fit_damping<const D: usize>(
         .collect();
     let mut linear = vec![0.0; components + rows.len()];
     error.iter().for_each(|(j, weight)| linear[*j] = *weight);
-    let mut least_error = ConicProgram::new(DMatrix::zeros(0, 0), linear);
-    least_error.require_nonnegative(nonnegative.clone());
-    let best = least_error.solve();
-    usable(DAMPING, &best)?;
-    // Of all that are as good, those of the least squares.
-    let negative = error.iter().map(|(j, weight)| (*j, -weight)).collect();
-    nonnegative.push(Affine { constant: best.objective + AS_GOOD, coefficients: negative });
-    let squares = DMatrix::identity(components, components) * 2.0;
-    let mut least_squares = ConicProgram::new(squares, vec![0.0; components + rows.len()]);
-    least_squares.require_nonnegative(nonnegative);
-    let solution = least_squares.solve();
+    let mut program = ConicProgram::new(DMatrix::zeros(0, 0), linear);
+    program.require_nonnegative(nonnegative);
+    let solution = program.solve();
     let mut damping: Vec<f64> =
         usable(DAMPING, &solution)?[..components].iter().map(|d| d * even).collect();
     // What the solver's tolerance left of bound and order.
@@ -331,7 +333,7 @@ pub fn fit_damping<const D: usize>(
         active("d at its least value", at_floor, components),
         active("d of neighbours equal", equal_neighbours(&damping), components - 1),
     ];
-    Ok((damping, figures(DAMPING, &best, residual, active, rows.len())))
+    Ok((damping, figures(DAMPING, &solution, residual, active, rows.len())))
 }
 
 fn usable<'a>(program: &'static str, solution: &'a Solution) -> Result<&'a [f64], LearnerError> {

@@ -21,8 +21,9 @@ use crate::error::LearnerError;
 use crate::fit::{VALLEY_FAULTS, fit, shape};
 use crate::plausibility;
 use crate::policy::Learned;
+use crate::running_mean::running_mean;
 use crate::savitzky_golay::Path;
-use crate::skill::{FieldSettings, FitSettings, Skill};
+use crate::skill::{FieldSettings, FitSettings, Skill, ThesisSettings};
 use crate::targets::BlockPath;
 use crate::thesis;
 use crate::tp_gmm::{Samples, TpGmm, frames, uninformative_frames};
@@ -129,7 +130,7 @@ pub fn learn(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Trained, LearnerError> {
     let mut clock = Clock { since: Instant::now(), times: Vec::new(), progress };
-    let demonstrations = &with_start(skill, demonstrations);
+    let demonstrations = &prepared(skill, demonstrations);
     let names: Vec<&str> = demonstrations.iter().map(|d| d.name.as_str()).collect();
     let fitted = Fitted::new(skill, demonstrations, seed, &mut |done| clock.step(done));
     let Fitted { set, mixture, frames: mixtures, policy, programs } =
@@ -149,7 +150,7 @@ pub fn learn(
         frames: mixtures,
         policy,
         fit: Fit {
-            em_iterations: skill.mixture.iterations,
+            em_iterations: mixture.log_likelihoods.len() as u32,
             em_log_likelihood: mixture.log_likelihoods[mixture.log_likelihoods.len() - 1],
             programs,
             demonstrations: Vec::new(),
@@ -255,9 +256,16 @@ fn stored_canonical(
     }
 }
 
-/// Demonstrations whose start frame is fixed to the goal frame, for skills that have no other.
-pub(crate) fn with_start(skill: &Skill, demonstrations: &[Demonstration]) -> Vec<Demonstration> {
+/// Demonstrations as they are learned from: smoothed by a running mean where the fit asks for it, and
+/// with a start frame that is fixed to the goal frame for skills that have no other.
+pub(crate) fn prepared(skill: &Skill, demonstrations: &[Demonstration]) -> Vec<Demonstration> {
     let mut demonstrations = demonstrations.to_vec();
+    if let FitSettings::Thesis(ThesisSettings { running_mean: Some(settings), .. }) = &skill.fit {
+        for demonstration in &mut demonstrations {
+            let (poses, dt) = (&demonstration.poses, demonstration.sampling_time_s);
+            demonstration.poses = running_mean(poses, dt, *settings);
+        }
+    }
     if skill.start_frame == skill.goal_frame {
         let start = mean_start(&demonstrations);
         for demonstration in &mut demonstrations {

@@ -85,6 +85,7 @@ impl Oracle {
             damping_min: self.damping_min,
             damping_target,
             stride: 1,
+            running_mean: None,
         }
     }
 

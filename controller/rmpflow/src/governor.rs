@@ -8,11 +8,14 @@ use crate::natural::{Factor, Natural};
 ///
 /// A policy of damping d that asks for the acceleration a tends to the velocity u = ẋ + a/d. Led far
 /// from its demonstrations, a learned field may ask for any: where its inertia falls, what moves
-/// speeds up by it. With s = min(1, v/|u|)
+/// speeds up by it. With the largest s ≤ 1 for which neither the velocity nor its change is too fast,
 ///
 /// ```text
-/// a′ = d (s u − ẋ),  so  f′ = s f − (1 − s) d M ẋ        |a′| ≤ d (v + |ẋ|)
+/// |s u| ≤ v,  |s u − ẋ| ≤ max(v, |ẋ|)
+/// a′ = d (s u − ẋ),  so  f′ = s f − (1 − s) d M ẋ        |a′| ≤ d max(v, |ẋ|)
 /// ```
+///
+/// So what moves fast the wrong way brakes before it comes back.
 ///
 /// Where it acts, V falls at the rate d ẋᵀM(ẋ + (1 − s) u) in place of d ẋᵀMẋ: faster, unless the
 /// policy brakes. Where it does not act, nothing changes.
@@ -51,9 +54,9 @@ impl SpeedGovernor {
                 Matrix3::from_fn(|i, j| block[(i, j)] + if i == j { damping } else { 0.0 });
             let Some(factor) = Factor::new(&damped) else { return 1.0 };
             let part = |v: &Vector6<f64>| Vector3::new(v[first], v[first + 1], v[first + 2]);
-            let wanted = part(velocity) + factor.solve(&part(&policy.force)) / self.response_1_s;
-            let squared = wanted.norm_squared();
-            if squared > most * most { most / squared.sqrt() } else { 1.0 }
+            let now = part(velocity);
+            let wanted = now + factor.solve(&part(&policy.force)) / self.response_1_s;
+            largest_share(&wanted, &now, most)
         };
         let s = share(self.linear_max_m_s, 0).min(share(self.angular_max_rad_s, 3));
         if s >= 1.0 {
@@ -67,10 +70,25 @@ impl SpeedGovernor {
     }
 }
 
+/// The largest s ≤ 1 with |s u| ≤ v and |s u − ẋ| ≤ max(v, |ẋ|). There is one: s = 0 will do.
+fn largest_share(wanted: &Vector3<f64>, now: &Vector3<f64>, most: f64) -> f64 {
+    let squared = wanted.norm_squared();
+    let change = most.max(now.norm());
+    if squared <= most * most && (wanted - now).norm_squared() <= change * change {
+        return 1.0;
+    }
+    // s²|u|² − 2 s u·ẋ + |ẋ|² = max(v, |ẋ|)²
+    let along = wanted.dot(now);
+    let room = squared * (change * change - now.norm_squared()).max(0.0);
+    let by_change = (along + (along * along + room).sqrt()) / squared;
+    by_change.min(most / squared.sqrt()).clamp(0.0, 1.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use nalgebra::Matrix6;
+    use proptest::prelude::*;
 
     const GOVERNOR: SpeedGovernor =
         SpeedGovernor { linear_max_m_s: 2.0, angular_max_rad_s: 4.0, response_1_s: 8.0 };
@@ -92,6 +110,40 @@ mod tests {
         assert!((velocity[4] + fast[4] / 8.0 - 2.0 / 13.0).abs() < 1e-6, "{fast}");
         let turning = GOVERNOR.govern(&policy(0.0, 100.0), &velocity).resolve().unwrap();
         assert!((velocity[4] + turning[4] / 8.0 - 4.0).abs() < 1e-6, "{turning}");
+    }
+
+    #[test]
+    fn what_moves_the_wrong_way_brakes_before_it_comes_back() {
+        // u = 13 m/s the other way: the change asked for stays within 2 m/s, or |ẋ| where that is more.
+        for (speed, change) in [(-0.5, 2.0), (-1.5, 2.0), (-2.0, 2.0), (-3.0, 3.0)] {
+            let velocity = Vector6::new(speed, 0.0, 0.0, 0.0, 0.0, 0.0);
+            let asked = 8.0 * (13.0 - speed);
+            let back = GOVERNOR.govern(&policy(asked, 0.0), &velocity).resolve().unwrap();
+            assert!((back[0] / 8.0 - change).abs() < 1e-6, "{speed}: {back}");
+        }
+        // Across the motion, too.
+        let velocity = Vector6::new(1.6, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let mut across = policy(-8.0 * 1.6, 0.0);
+        across.force[1] = 8.0 * 5.0;
+        let back = GOVERNOR.govern(&across, &velocity).resolve().unwrap();
+        assert!((back[0].hypot(back[1]) / 8.0 - 2.0).abs() < 1e-6, "{back}");
+        assert!((velocity[0] * 8.0 + back[0]).abs() < 1e-6 && back[1] > 0.0, "{back}");
+    }
+
+    proptest! {
+        #[test]
+        fn the_share_is_the_largest_that_keeps_both_bounds(
+            u in prop::array::uniform3(-9.0..9.0f64),
+            x in prop::array::uniform3(-4.0..4.0f64),
+        ) {
+            let (u, x, v) = (Vector3::from(u), Vector3::from(x), 2.0);
+            let s = largest_share(&u, &x, v);
+            let keeps = |s: f64| {
+                (u * s).norm() <= v + 1e-9 && (u * s - x).norm() <= v.max(x.norm()) + 1e-9
+            };
+            prop_assert!((0.0..=1.0).contains(&s) && keeps(s));
+            prop_assert!(s == 1.0 || !keeps(s + 1e-6));
+        }
     }
 
     #[test]

@@ -30,6 +30,8 @@ pub struct SkillSet {
     pub manifold: Manifold,
     /// Its demonstrations, at least one.
     pub demonstrations: Vec<Demonstration>,
+    /// The same with the frames with which the thesis learned them, for its policy.
+    pub as_published: Vec<Demonstration>,
     /// Samples of each while it moves: all, unless rest is cut.
     moving: Vec<Range<usize>>,
 }
@@ -97,7 +99,10 @@ pub fn read_dataset(folder: &Path) -> Result<Vec<SkillSet>, LearnerError> {
             let Some(demonstrations) = kind.demonstrations else { continue };
             let tagged = demonstrations.iter().any(|d| d.tag.as_deref() == Some(TAG));
             let tag = tagged.then(|| TAG.to_owned());
-            skills.push(of(load(path, &Selection { tag, ..Selection::default() })?));
+            let selection = Selection { tag, ..Selection::default() };
+            let mut set = of(load(path, &selection)?);
+            set.as_published = load(path, &Selection { reference_frames: true, ..selection })?;
+            skills.push(set);
         }
     }
     if skills.is_empty() {
@@ -172,5 +177,5 @@ fn skill_set(files: &[PathBuf]) -> Result<SkillSet, LearnerError> {
 fn of(demonstrations: Vec<Demonstration>) -> SkillSet {
     let (name, manifold) = (demonstrations[0].skill.clone(), demonstrations[0].manifold);
     let moving = demonstrations.iter().map(|shown| 0..shown.poses.len()).collect();
-    SkillSet { name, manifold, demonstrations, moving }
+    SkillSet { name, manifold, as_published: demonstrations.clone(), demonstrations, moving }
 }

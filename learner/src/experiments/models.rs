@@ -121,7 +121,7 @@ pub fn train_all(
     let train = |(set, kind, count, own): &(&SkillSet, Kind, usize, usize)| {
         let skill = files[space(set.manifold)].of(*kind);
         let key = (*kind, *count, set.name.clone());
-        let result = train_one(skill, set, *count, count == own, seed);
+        let result = train_one(skill, set, *kind, *count, count == own, seed);
         bar.inc(1);
         (key, result)
     };
@@ -151,6 +151,7 @@ pub fn train_all(
 fn train_one(
     skill: &Skill,
     set: &SkillSet,
+    kind: Kind,
     components: usize,
     examined: bool,
     seed: u64,
@@ -162,7 +163,11 @@ fn train_one(
         skill.certification.displaced_starts = 0;
     }
     let begun = Instant::now();
-    let model = learn(&skill, &set.demonstrations, seed, &mut |_| {})?.model;
+    let demonstrations = match kind {
+        Kind::Canonical => &set.demonstrations,
+        Kind::Thesis => &set.as_published,
+    };
+    let model = learn(&skill, demonstrations, seed, &mut |_| {})?.model;
     let training_s = begun.elapsed().as_secs_f64();
     let evaluated = Model::new(&model)?;
     Ok(Trained { model, evaluated, training_s, examined })

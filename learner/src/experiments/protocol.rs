@@ -18,6 +18,8 @@ use super::progress;
 use super::results::{Row, finite};
 use super::world::{Ball, Course, GoalMotion, Push, Trace, run};
 use crate::canonical::mean_goal;
+use crate::running_mean::running_mean;
+use crate::skill::RunningMean;
 
 /// Step of all rollouts, as in the thesis [s].
 pub const STEP_S: f64 = 0.01;
@@ -31,6 +33,8 @@ pub const CIRCLE_RADIUS_M: f64 = 0.2;
 const STOPS_WITHIN_M: [f64; 2] = [0.1, 0.05];
 /// The push, as in the thesis: steps 50 to 150.
 const PUSH_S: [f64; 2] = [0.5, 1.5];
+/// How the thesis smooths demonstrations.
+const PUBLISHED_SMOOTHING: RunningMean = RunningMean { window_s: 0.3, shape: 14.0 };
 /// The thesis' own conditions: the goal stops within this distance of the policy's own [m] …
 const PUBLISHED_STOPS_M: f64 = 0.2;
 /// … a rollout takes at most so long [s]; twice that with an obstacle, unbounded when it tracks.
@@ -435,12 +439,16 @@ impl Bench<'_> {
             .collect()
     }
 
-    /// What the thesis' code measures, under its own conditions: tracking starts with the demonstrated
-    /// velocity, and a rollout ends when the body is slow. With an obstacle, 1 or 0: whether the body
+    /// What the thesis' code measures, under its own conditions: tracking starts where and as fast as the
+    /// demonstration does once it is smoothed, and a rollout ends when the body is slow. With an obstacle, 1 or 0: whether the body
     /// passes near the policy's own goal, however fast and whatever it touches.
     fn thesis_metric(&self, case: &Case) -> Option<f64> {
         let set = &self.skills[case.skill];
-        let shown = &set.demonstrations[case.demonstration];
+        let dt = set.demonstrations[case.demonstration].sampling_time_s;
+        let smoothed = match case.tracks {
+            true => running_mean(set.motion(case.demonstration), dt, PUBLISHED_SMOOTHING),
+            false => Vec::new(),
+        };
         let mut case = case.clone();
         let course = &mut case.course;
         course.own_goal = true;
@@ -448,8 +456,8 @@ impl Bench<'_> {
             course.goal_motion.stops_within_m = PUBLISHED_STOPS_M;
         }
         if case.tracks {
-            let [a, b] = [0, 1].map(|i| set.motion(case.demonstration)[i].position);
-            course.start_velocity = (b - a) / shown.sampling_time_s;
+            course.start = smoothed[0];
+            course.start_velocity = (smoothed[1].position - smoothed[0].position) / dt;
         } else {
             let factor = if course.ball.is_some() { 2.0 } else { 1.0 };
             course.duration_s = factor * PUBLISHED_DURATION_S;
@@ -461,9 +469,8 @@ impl Bench<'_> {
         if !case.tracks {
             return finite(trace.own_goal_error_m);
         }
-        let points: Vec<DVec3> =
-            set.motion(case.demonstration).iter().map(|pose| pose.position).collect();
-        let points = resampled(&points, shown.sampling_time_s, STEP_S);
+        let points: Vec<DVec3> = smoothed.iter().map(|pose| pose.position).collect();
+        let points = resampled(&points, dt, STEP_S);
         let path: Vec<DVec3> = trace.path.iter().map(|pose| pose.position).collect();
         finite(thesis_tracking(&path[..trace.stopped_at], &points))
     }

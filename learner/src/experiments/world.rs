@@ -18,6 +18,9 @@ const DIVERGED_M: f64 = 1e5;
 /// A rollout ends when the body rests at its goal, nearer than this [m, rad] and slower [m/s, rad/s].
 const AT_REST: f64 = 1e-7;
 
+/// A sum of some ten terms is known no better than this, relative to its value.
+const ENERGY_ROUNDING: f64 = 8.0 * f64::EPSILON;
+
 /// How the goal frame moves until the body is near the goal; then it stops.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GoalMotion {
@@ -228,7 +231,7 @@ pub struct Trace {
     pub acceleration_max_m_s2: f64,
     /// Largest distance between the surfaces' least, negative when it touched [m].
     pub clearance_min_m: Option<f64>,
-    /// Largest rise of V in a step, as a share of that at the start above that at the goal.
+    /// Largest rise of V in a step beyond rounding, as a share of what V falls by on the way.
     pub energy_rise_max: f64,
     /// Poses up to the thesis' stop.
     pub stopped_at: usize,
@@ -281,20 +284,8 @@ pub fn run(follower: &mut dyn Follower, course: &Course) -> Trace {
         own_goal_error_m: f64::INFINITY,
     };
     let mut sides = AvoidanceState::default();
-    let mut energy_before: Option<f64> = None;
-    let mut energy_scale = 0.0;
-    if still {
-        let goal = course.goal(&frames[1]);
-        let moment = Moment {
-            time_s: 0.0,
-            frames: &frames,
-            pose: goal,
-            linear: DVec3::ZERO,
-            angular: DVec3::ZERO,
-        };
-        energy_scale = -follower.evaluate(&moment).energy;
-        follower.restart();
-    }
+    // V at the start, at the last step, and the least.
+    let mut energies: Option<[f64; 3]> = None;
     for step in 0..=steps {
         let time_s = step as f64 * course.step_s;
         if moving {
@@ -331,13 +322,10 @@ pub fn run(follower: &mut dyn Follower, course: &Course) -> Trace {
         let moment = Moment { time_s, frames: &frames, pose, linear, angular };
         let wish = follower.evaluate(&moment);
         if still {
-            if step == 0 {
-                energy_scale += wish.energy;
-            }
-            if let Some(before) = energy_before {
-                trace.energy_rise_max = trace.energy_rise_max.max(wish.energy - before);
-            }
-            energy_before = Some(wish.energy);
+            let [first, before, least] = energies.unwrap_or([wish.energy; 3]);
+            let rounding = ENERGY_ROUNDING * before.abs();
+            trace.energy_rise_max = trace.energy_rise_max.max(wish.energy - before - rounding);
+            energies = Some([first, wish.energy, least.min(wish.energy)]);
         }
         let mut natural = wish.natural;
         if let Some(push) = &course.push {
@@ -390,7 +378,8 @@ pub fn run(follower: &mut dyn Follower, course: &Course) -> Trace {
         let goal = course.goal(&frames[1]);
         own_error(follower, &frames, &pose, &goal)
     });
-    trace.energy_rise_max /= energy_scale.max(f64::MIN_POSITIVE);
+    let fall = energies.map_or(0.0, |[first, _, least]| first - least);
+    trace.energy_rise_max /= fall.max(f64::MIN_POSITIVE);
     trace
 }
 

@@ -8,6 +8,9 @@
 //!    "positions": [[x, y, z, w, x, y, z], …]}, …]}
 //! ```
 //!
+//! A demonstration may have `reference_frames` beside its own `frames`: those with which the thesis
+//! learned it. Its planar skills have the frames of the first demonstration in all.
+//!
 //! Other keys are disregarded: they repeat these, or are not used. So are recorded velocities: those
 //! of the reference data are on another clock than `dt`, by a factor of six.
 
@@ -38,6 +41,7 @@ struct Foreign {
 struct ForeignDemonstration {
     tag: Option<String>,
     frames: BTreeMap<String, ForeignFrame>,
+    reference_frames: Option<BTreeMap<String, ForeignFrame>>,
     positions: Vec<Vec<f64>>,
 }
 
@@ -93,14 +97,18 @@ pub(super) fn read(
             continue;
         }
         let key = format!("demonstrations[{i}]");
+        let (frames_key, foreign_frames) = match &foreign.reference_frames {
+            Some(reference) if selection.reference_frames => ("reference_frames", reference),
+            _ => ("frames", &foreign.frames),
+        };
         let frame = |name: &str| {
-            let frame = foreign.frames.get(name).and_then(|frame| pose(frame, manifold));
+            let frame = foreign_frames.get(name).and_then(|frame| pose(frame, manifold));
             frame.ok_or_else(|| {
                 let problem = match manifold {
                     Manifold::R2 => "expected `A`, a rotation of the plane, and `b`, a point",
                     _ => "expected `position` and a unit `quaternion`",
                 };
-                LearnerError::key(path, format!("{key}.frames.{name}"), problem)
+                LearnerError::key(path, format!("{key}.{frames_key}.{name}"), problem)
             })
         };
         let (start, goal_frame) = (frame(frames[0])?, frame(frames[1])?);
