@@ -69,8 +69,11 @@ pub fn run(options: &Options) -> Result<String, LearnerError> {
     let extent = if options.quick { Extent::quick() } else { Extent::full() };
     let mut files = BTreeMap::new();
     for (manifold, name) in [(Manifold::R2, "planar"), (Manifold::R3S3, "pick")] {
-        if skills.iter().any(|set| models::space(set.manifold) == models::space(manifold)) {
-            files.insert(name, SkillFiles::read(&options.config, name)?);
+        let space = models::space(manifold);
+        let mut own = skills.iter().filter(|set| models::space(set.manifold) == space).peekable();
+        if own.peek().is_some() {
+            let published = own.any(SkillSet::has_reference_frames);
+            files.insert(name, SkillFiles::read(&options.config, name, published)?);
         }
     }
     for set in &mut skills {
@@ -105,7 +108,11 @@ pub fn run(options: &Options) -> Result<String, LearnerError> {
     rows.extend(timed.iter().map(|(row, _)| row.clone()));
     results::write(&rows, &options.out.join("results.json"))?;
     let own = |name| components.get(&(name, Kind::Canonical)).copied().unwrap_or(0);
-    let verdicts = verdict::verdicts(&rows, &models, [own("planar"), own("pick")]);
+    let mut verdicts = verdict::verdicts(&rows, &models, [own("planar"), own("pick")]);
+    let mut planar = skills.iter().filter(|set| set.manifold == Manifold::R2).peekable();
+    if !options.quick && planar.peek().is_some() && planar.all(SkillSet::has_reference_frames) {
+        verdicts.push(verdict::reproduction(&rows, &published::published()));
+    }
     let page = report::page(&report::Run {
         bench: &bench,
         cases: &cases,

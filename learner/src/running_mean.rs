@@ -100,7 +100,8 @@ mod tests {
 
     #[test]
     fn motion_at_constant_speed_lags_by_less_than_half_the_window() {
-        let moving: Vec<Pose> = (0..200).map(|i| at(0.01 * f64::from(i), 0.005 * f64::from(i))).collect();
+        let moving: Vec<Pose> =
+            (0..200).map(|i| at(0.01 * f64::from(i), 0.005 * f64::from(i))).collect();
         let smooth = running_mean(&moving, 0.01, SETTINGS);
         for (pose, raw) in smooth.iter().zip(&moving).take(170).skip(30) {
             let lag = raw.position.x - pose.position.x;

@@ -21,7 +21,7 @@
 //! ```
 //!
 //! with H = ½ẋᵀMẋ + Φ. The first has as many equations as demonstrations for K unknowns; of its many
-//! solutions that of the least Σ d² is taken, so that the result does not depend on the solver.
+//! solutions an interior-point method ends in the middle, as the published ones do.
 
 use glam::DVec3;
 use nalgebra::{Cholesky, DMatrix, SVector};

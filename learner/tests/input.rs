@@ -7,6 +7,7 @@ use std::path::Path;
 use common::{Folder, arcs, skill, skill_file, skill_text};
 use proptest::prelude::*;
 use tprmp_learner::demonstration::{self, read, read_folder, to_text};
+use tprmp_learner::experiments::dataset::read_dataset;
 use tprmp_learner::import::{Selection, import};
 use tprmp_learner::skill::Skill;
 use tprmp_model::skill_model::Manifold;
@@ -187,7 +188,13 @@ fn demonstrations_of_a_folder_belong_together() {
 fn the_repository_s_skill_files_are_valid() {
     assert_eq!(Skill::read(&skill_file("pick.ron")).unwrap().manifold, Manifold::R3S3);
     assert_eq!(Skill::read(&skill_file("planar.ron")).unwrap().manifold, Manifold::R2);
-    assert_eq!(Skill::read(&skill_file("planar_thesis.ron")).unwrap().manifold, Manifold::R2);
+    for (name, manifold) in [
+        ("planar_thesis.ron", Manifold::R2),
+        ("planar_published.ron", Manifold::R2),
+        ("pick_thesis.ron", Manifold::R3S3),
+    ] {
+        assert_eq!(Skill::read(&skill_file(name)).unwrap().manifold, manifold);
+    }
     // Those that the tests make of them are for other demonstrations.
     assert_eq!(skill("planar_thesis.ron").skill, "made_up");
 }
@@ -250,6 +257,37 @@ fn planar_foreign_files_are_imported_with_their_frames() {
     assert_eq!(shown.start.position.to_array(), [0.5, 1.0, 0.0]);
     let turned = shown.start.orientation * glam::DVec3::X;
     assert!((turned - glam::DVec3::Y).length() < 1e-5);
+}
+
+#[test]
+fn reference_frames_are_taken_where_they_are_asked_for() {
+    let folder = Folder::new("foreign-reference");
+    let empty = foreign_planar();
+    let frame = |x: f64| format!(r#"{{"A": [[1.0, 0.0], [0.0, 1.0]], "b": [{x}, 8.0]}}"#);
+    let reference = format!(r#"{{"start": {}, "end": {}}}"#, frame(7.0), frame(9.0));
+    let foreign = folder.write("C.json", &empty.replace("{}", &reference));
+    let out = folder.path().join("out");
+    let start = |reference_frames: bool| {
+        let selection = Selection { reference_frames, ..Selection::default() };
+        let written = import(&foreign, &out, &selection).map_err(|e| e.to_string())?;
+        let shown = read(&written[0], "start", "end").unwrap();
+        std::fs::remove_dir_all(&out).unwrap();
+        Ok::<_, String>(shown.start.position.to_array())
+    };
+    assert_eq!(start(false), Ok([0.5, 1.0, 0.0]));
+    assert_eq!(start(true), Ok([7.0, 8.0, 0.0]));
+    let own_frames = |expected: bool| {
+        let skills = read_dataset(folder.path()).unwrap();
+        assert_eq!(skills[0].has_reference_frames(), expected);
+    };
+    own_frames(true);
+    folder.write("C.json", &empty);
+    let message = start(true).unwrap_err();
+    assert!(message.contains("demonstrations[0].reference_frames.start"), "{message}");
+    // Where there are none, the demonstration's own are the thesis'.
+    folder.write("C.json", &empty.replace("\"reference_frames\": {},", ""));
+    assert_eq!(start(true), Ok([0.5, 1.0, 0.0]));
+    own_frames(false);
 }
 
 #[test]
@@ -328,7 +366,7 @@ proptest! {
 
     #[test]
     fn spoiled_skill_files_never_panic(
-        template in prop::sample::select(vec!["planar.ron", "pick.ron", "planar_thesis.ron"]),
+        template in prop::sample::select(vec!["planar.ron", "pick.ron", "planar_published.ron"]),
         bytes in prop::collection::vec((any::<prop::sample::Index>(), 0..128_u8), 0..2),
         words in prop::collection::vec(
             (any::<prop::sample::Index>(), prop::sample::select(WORDS.to_vec())), 0..3,

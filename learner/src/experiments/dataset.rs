@@ -58,6 +58,15 @@ impl SkillSet {
         Ok(())
     }
 
+    /// Whether the thesis learned it with other frames than its demonstrations have: then it is one of
+    /// the thesis' own planar skills.
+    #[must_use]
+    pub fn has_reference_frames(&self) -> bool {
+        let frames = |d: &Demonstration| (d.start, d.goal_frame);
+        std::iter::zip(&self.as_published, &self.demonstrations)
+            .any(|(a, b)| frames(a) != frames(b))
+    }
+
     /// The poses of a demonstration from its first to its last motion.
     #[must_use]
     pub fn motion(&self, demonstration: usize) -> &[Pose] {

@@ -1,7 +1,7 @@
 //! Trains what is compared.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -10,6 +10,7 @@ use tprmp_model::skill_model::{Manifold, SkillModel};
 use super::dataset::SkillSet;
 use super::follower::Model;
 use super::progress;
+use crate::demonstration::Demonstration;
 use crate::error::LearnerError;
 use crate::skill::Skill;
 use crate::train::learn;
@@ -42,16 +43,19 @@ impl Kind {
 pub struct SkillFiles {
     canonical: Skill,
     thesis: Skill,
+    published: Option<Skill>,
 }
 
 impl SkillFiles {
-    /// Reads `<name>.ron` and `<name>_thesis.ron` from the folder of skill files.
+    /// Reads `<name>.ron` and `<name>_thesis.ron` from the folder of skill files, and
+    /// `<name>_published.ron` for sets that the thesis learned with frames of its own.
     ///
     /// # Errors
     /// [`LearnerError`] of a file that is missing or refused.
-    pub fn read(config: &Path, name: &str) -> Result<Self, LearnerError> {
-        let file = |suffix: &str| -> PathBuf { config.join(format!("skills/{name}{suffix}.ron")) };
-        Ok(Self { canonical: Skill::read(&file(""))?, thesis: Skill::read(&file("_thesis"))? })
+    pub fn read(config: &Path, name: &str, published: bool) -> Result<Self, LearnerError> {
+        let read = |suffix: &str| Skill::read(&config.join(format!("skills/{name}{suffix}.ron")));
+        let published = published.then(|| read("_published")).transpose()?;
+        Ok(Self { canonical: read("")?, thesis: read("_thesis")?, published })
     }
 
     /// The skill file of a policy.
@@ -60,6 +64,15 @@ impl SkillFiles {
         match kind {
             Kind::Canonical => &self.canonical,
             Kind::Thesis => &self.thesis,
+        }
+    }
+
+    /// The skill file by which a policy is learned on these demonstrations, and the demonstrations: on
+    /// the thesis' own skills its policy is learned as it was there.
+    fn learned<'a>(&'a self, kind: Kind, set: &'a SkillSet) -> (&'a Skill, &'a [Demonstration]) {
+        match (kind, &self.published) {
+            (Kind::Thesis, Some(skill)) if set.has_reference_frames() => (skill, &set.as_published),
+            _ => (self.of(kind), &set.demonstrations),
         }
     }
 }
@@ -119,9 +132,9 @@ pub fn train_all(
     }
     let bar = progress("training", wanted.len());
     let train = |(set, kind, count, own): &(&SkillSet, Kind, usize, usize)| {
-        let skill = files[space(set.manifold)].of(*kind);
+        let (skill, demonstrations) = files[space(set.manifold)].learned(*kind, set);
         let key = (*kind, *count, set.name.clone());
-        let result = train_one(skill, set, *kind, *count, count == own, seed);
+        let result = train_one(skill, &set.name, demonstrations, *count, count == own, seed);
         bar.inc(1);
         (key, result)
     };
@@ -150,23 +163,19 @@ pub fn train_all(
 
 fn train_one(
     skill: &Skill,
-    set: &SkillSet,
-    kind: Kind,
+    name: &str,
+    demonstrations: &[Demonstration],
     components: usize,
     examined: bool,
     seed: u64,
 ) -> Result<Trained, LearnerError> {
     let mut skill = skill.clone().with_components(components).map_err(LearnerError::Components)?;
-    skill.skill.clone_from(&set.name);
+    name.clone_into(&mut skill.skill);
     if !examined {
         skill.certification.random_starts = 0;
         skill.certification.displaced_starts = 0;
     }
     let begun = Instant::now();
-    let demonstrations = match kind {
-        Kind::Canonical => &set.demonstrations,
-        Kind::Thesis => &set.as_published,
-    };
     let model = learn(&skill, demonstrations, seed, &mut |_| {})?.model;
     let training_s = begun.elapsed().as_secs_f64();
     let evaluated = Model::new(&model)?;

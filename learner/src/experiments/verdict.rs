@@ -2,10 +2,14 @@
 
 use super::metric::quantile;
 use super::models::{Kind, Models};
+use super::published::Published;
 use super::results::Row;
 
 /// Longest training of a planar skill and of the pick [s].
 const TRAINING_MAX_S: [f64; 2] = [1.0, 3.0];
+
+/// How far medians of the thesis' policy may be from the published ones, as a share of them.
+const REPRODUCED_SHARE: f64 = 0.1;
 
 /// One demand and what was measured.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,6 +73,37 @@ fn median(rows: &[&Row], value: impl Fn(&Row) -> Option<f64>) -> f64 {
 /// A length in millimetres, or that it diverged.
 fn mm(metres: f64) -> String {
     if metres.is_finite() { format!("{:.3} mm", metres * 1e3) } else { "diverged".into() }
+}
+
+/// Whether the thesis' policy does on the thesis' own skills what was published (figure 5.3a): medians
+/// of the tracking metric, from the start of the first demonstration.
+#[must_use]
+pub fn reproduction(rows: &[Row], figures: &[Published]) -> Verdict {
+    let (mut measured, mut failures, mut n) = (Vec::new(), Vec::new(), 0);
+    for figure in figures.iter().filter(|figure| figure.experiment == "tracking") {
+        for (k, published) in figure.x.iter().zip(&figure.median) {
+            let own: Vec<&Row> = rows
+                .iter()
+                .filter(|row| row.policy == Kind::Thesis.name() && row.experiment == "tracking")
+                .filter(|row| row.x == *k && row.instance == 0)
+                .collect();
+            n += own.len();
+            let found = median(&own, |row| row.thesis_metric);
+            let text = format!("K = {k}: {found:.3} m, published {published:.3}");
+            // Not a number is not near.
+            let near = (found / published - 1.0).abs() <= REPRODUCED_SHARE;
+            if !near {
+                failures.push(text.clone());
+            }
+            measured.push(text);
+        }
+    }
+    Verdict {
+        demand: "the thesis' policy: medians of its tracking within 10 % of the published".into(),
+        measured: format!("{}; n = {n}", measured.join("; ")),
+        holds: (n > 0).then_some(failures.is_empty()),
+        failures,
+    }
 }
 
 /// The table of what the default policy must do. `components`: its number of Gaussians, planar and
@@ -248,6 +283,34 @@ mod tests {
             time_aligned_mse_m2: Some(0.001),
             ..Row::default()
         }
+    }
+
+    #[test]
+    fn published_medians_are_reproduced_within_a_tenth() {
+        let figure = Published {
+            figure: "5.3a".into(),
+            experiment: "tracking".into(),
+            x: vec![5.0, 9.0],
+            median: vec![0.1, 0.2],
+        };
+        let rows = |metrics: [f64; 2]| -> Vec<Row> {
+            std::iter::zip([5.0, 9.0], metrics)
+                .map(|(x, metric)| Row {
+                    policy: "thesis".into(),
+                    experiment: "tracking".into(),
+                    x,
+                    thesis_metric: Some(metric),
+                    ..Row::default()
+                })
+                .collect()
+        };
+        let figures = [figure];
+        let verdict = |metrics| reproduction(&rows(metrics), &figures);
+        assert_eq!(verdict([0.109, 0.181]).holds, Some(true));
+        let far = verdict([0.109, 0.179]);
+        assert!(far.holds == Some(false) && far.failures.len() == 1, "{far:?}");
+        assert_eq!(verdict([f64::NAN, 0.2]).holds, Some(false));
+        assert_eq!(reproduction(&[], &figures).holds, None);
     }
 
     #[test]
