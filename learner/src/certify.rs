@@ -264,9 +264,9 @@ impl<'a> Examiner<'a> {
                 && row.goal_error_rad <= settings.goal_tolerance_rad;
             if !reached {
                 failures.push(format!(
-                    "from the start of demonstration `{}` it ends {:.2} mm and {:.2}° from the goal",
+                    "from the start of demonstration `{}` it ends {} and {:.2}° from the goal",
                     row.name,
-                    row.goal_error_m * 1e3,
+                    length(row.goal_error_m, 2),
                     row.goal_error_rad.to_degrees()
                 ));
             }
@@ -310,11 +310,11 @@ impl<'a> Examiner<'a> {
         ] {
             if rollouts.reached < rollouts.starts {
                 failures.push(format!(
-                    "{} of {} random starts {of} do not reach the goal: the worst ends {:.1} mm \
-                     and {:.1}° away",
+                    "{} of {} random starts {of} do not reach the goal: the worst ends {} and \
+                     {:.1}° away",
                     rollouts.starts - rollouts.reached,
                     rollouts.starts,
-                    rollouts.goal_error_max_m * 1e3,
+                    length(rollouts.goal_error_max_m, 1),
                     rollouts.goal_error_max_rad.to_degrees()
                 ));
             }
@@ -327,6 +327,11 @@ impl<'a> Examiner<'a> {
         }
         failures
     }
+}
+
+/// A length in words; what diverged has no use for its digits.
+fn length(metres: f64, decimals: usize) -> String {
+    if metres < 1e4 { format!("{:.decimals$} mm", metres * 1e3) } else { format!("{metres:.0e} m") }
 }
 
 /// A point in a ball, evenly distributed.

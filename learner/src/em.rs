@@ -552,8 +552,7 @@ mod tests {
             let coordinates =
                 if only { Coordinates::Orientations } else { Coordinates::Both };
             let found = maximise(&shown(coordinates, 2, seed), &settings(topology, 12, 0.0));
-            let (first, last) = (found.log_likelihoods[0], found.log_likelihoods[11]);
-            prop_assert!(last > first);
+            prop_assert!(found.log_likelihoods.last() > found.log_likelihoods.first());
             for pair in found.log_likelihoods.windows(2) {
                 prop_assert!(pair[1] > pair[0] - 1e-5, "{:?}", found.log_likelihoods);
             }

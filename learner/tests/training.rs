@@ -283,11 +283,20 @@ fn the_demonstration_with_which_a_program_cannot_be_solved_is_named() {
         let message = learned(template, &shown).unwrap_err().to_string();
         assert!(message.contains("`made_up_02.json` causes it"), "{message}");
     }
-    // It is left out of the mixture too, which it spoils for the others.
+}
+
+#[test]
+fn a_broken_sample_is_warned_of_and_its_model_fails_the_certificate() {
     let mut shown = arcs(Manifold::R2);
     shown[1].poses[70].position = DVec3::new(5e5, -5e5, 0.0);
-    let message = learned("planar_thesis.ron", &shown).unwrap_err().to_string();
-    assert!(message.contains("`made_up_02.json` causes it"), "{message}");
+    let trained = learned("planar_thesis.ron", &shown).unwrap();
+    let warned = |word: &str| {
+        trained.warnings.iter().any(|w| w.contains("`made_up_02.json`") && w.contains(word))
+    };
+    assert!(warned("jumps by") && warned("millimetres"), "{:?}", trained.warnings);
+    let failures = &trained.model.certificate.failures;
+    assert!(failures.iter().any(|failure| failure.contains("`made_up_01.json`")), "{failures:?}");
+    assert!(failures.iter().all(|failure| failure.len() < 200), "{failures:?}");
 }
 
 fn learner(arguments: &[&str]) -> Output {
