@@ -533,6 +533,16 @@ mod tests {
         }
 
         #[test]
+        fn the_iterations_end_when_nothing_changes(topology in topology(), seed in any::<u64>()) {
+            let data = shown(Coordinates::Euclidean, 1, seed);
+            let found = maximise(&data, &settings(topology, 1000, 1e-3)).log_likelihoods;
+            let change = |pair: &[f64]| (pair[1] - pair[0]).abs();
+            prop_assert!(found.len() < 1000);
+            prop_assert!(found.windows(2).rev().skip(1).all(|pair| change(pair) >= CONVERGED));
+            prop_assert!(change(&found[found.len() - 2..]) < CONVERGED);
+        }
+
+        #[test]
         fn the_likelihood_never_falls_without_regularisation(
             topology in topology(), views in 1..3_usize, seed in any::<u64>(),
         ) {

@@ -12,6 +12,8 @@ use crate::pace::Pace;
 
 /// Schema version this module reads.
 pub const SCHEMA: &str = "tprmp-skill/3";
+/// Largest shape of a running mean's window.
+const SHAPE_MAX: f64 = 100.0;
 /// Most steps of a rollout of the certificate.
 const ROLLOUT_STEPS_MAX: f64 = 1e6;
 
@@ -216,8 +218,9 @@ pub struct ThesisSettings {
     pub damping_target: DampingTarget,
     /// Every how many samples of a demonstration enter the fits.
     pub stride: usize,
-    /// How the demonstrations are smoothed before anything else; velocities are then differences of
-    /// neighbours. `None`: as the skill's `smoothing` says.
+    /// How the demonstrations are smoothed before anything else: the model, its rollouts and its
+    /// certificate are of the smoothed ones. The mixture and both fits then take points as they are and
+    /// velocities as differences of neighbours. `None`: the fits are smoothed as `smoothing` says.
     #[serde(deserialize_with = "Option::deserialize")]
     pub running_mean: Option<RunningMean>,
 }
@@ -339,6 +342,7 @@ impl Skill {
             return Err(("other_frames", problem));
         }
         self.validate_positive()?;
+        self.validate_shape()?;
         self.validate_counts()
     }
 
@@ -389,6 +393,19 @@ impl Skill {
         match positive.iter().find(|(_, x)| !(x.is_finite() && *x > 0.0)) {
             None => Ok(()),
             Some((key, x)) => Err((key, format!("expected a positive number, found {x}"))),
+        }
+    }
+
+    /// I₀ of a larger shape is no number; a window of this one is a few samples wide.
+    fn validate_shape(&self) -> Result<(), (&'static str, String)> {
+        match &self.fit {
+            FitSettings::Thesis(ThesisSettings { running_mean: Some(mean), .. })
+                if mean.shape > SHAPE_MAX =>
+            {
+                let problem = format!("expected at most {SHAPE_MAX}, found {}", mean.shape);
+                Err(("fit.running_mean.shape", problem))
+            }
+            _ => Ok(()),
         }
     }
 

@@ -125,12 +125,12 @@ pub fn train(
 /// When there is no demonstration.
 pub fn learn(
     skill: &Skill,
-    demonstrations: &[Demonstration],
+    shown: &[Demonstration],
     seed: u64,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Trained, LearnerError> {
     let mut clock = Clock { since: Instant::now(), times: Vec::new(), progress };
-    let demonstrations = &prepared(skill, demonstrations);
+    let demonstrations = &prepared(skill, shown);
     let names: Vec<&str> = demonstrations.iter().map(|d| d.name.as_str()).collect();
     let fitted = Fitted::new(skill, demonstrations, seed, &mut |done| clock.step(done));
     let Fitted { set, mixture, frames: mixtures, policy, programs } =
@@ -178,7 +178,7 @@ pub fn learn(
         examiner.certify(&model.fit.demonstrations, faults, seed, &mut || told("random starts"));
     clock.step("certificate");
 
-    let mut warnings = plausibility::warnings(demonstrations);
+    let mut warnings = plausibility::warnings(shown);
     warnings.extend(uninformative_frames(skill, demonstrations));
     let span_m = skill.scale.span / set.scales[0];
     warnings.extend(fit_warnings(&model.fit.programs, &model.fit.demonstrations, span_m));

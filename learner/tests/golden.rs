@@ -76,6 +76,11 @@ fn a_thesis_model_in_the_plane_is_the_stored_one() {
 }
 
 #[test]
+fn a_model_learned_as_published_is_the_stored_one() {
+    check("published_plane", "planar_published.ron", Manifold::R2);
+}
+
+#[test]
 fn a_thesis_model_of_poses_is_the_stored_one() {
     check("thesis_poses", "pick_thesis.ron", Manifold::R3S3);
 }

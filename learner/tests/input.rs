@@ -222,6 +222,9 @@ fn wrong_skill_files_are_refused_by_key_and_place() {
         assert!(endless.contains("certification.horizon_s"), "{endless}");
         assert!(endless.contains("at most 600 s, and 1000000 steps"), "{endless}");
     }
+    let published = skill_text("planar_published.ron");
+    let narrow = say(published.replace("shape: 14.0", "shape: 800.0"));
+    assert!(narrow.contains("fit.running_mean.shape") && narrow.contains("800"), "{narrow}");
     let twice = say(good.replace("other_frames: []", "other_frames: [\"end\"]"));
     assert!(twice.contains("other_frames") && twice.contains("`end`"), "{twice}");
     let model = say(good.replace("TimeDrivenGmm,", "Hmm,"));
@@ -281,13 +284,15 @@ fn reference_frames_are_taken_where_they_are_asked_for() {
         assert_eq!(skills[0].has_reference_frames(), expected);
     };
     own_frames(true);
-    folder.write("C.json", &empty);
+    folder.write("C.json", &empty.replace("{}", &format!(r#"{{"end": {}}}"#, frame(9.0))));
     let message = start(true).unwrap_err();
     assert!(message.contains("demonstrations[0].reference_frames.start"), "{message}");
     // Where there are none, the demonstration's own are the thesis'.
-    folder.write("C.json", &empty.replace("\"reference_frames\": {},", ""));
-    assert_eq!(start(true), Ok([0.5, 1.0, 0.0]));
-    own_frames(false);
+    for none in [empty.clone(), empty.replace("\"reference_frames\": {},", "")] {
+        folder.write("C.json", &none);
+        assert_eq!(start(true), Ok([0.5, 1.0, 0.0]));
+        own_frames(false);
+    }
 }
 
 #[test]

@@ -190,7 +190,7 @@ def energy_rows(shown, biases, whole_profile):
 def solve_damping(rows):
     """Eq. 4.20-4.21: of the dampings with the least mean error, those of the least squares.
 
-    The error is relative to the largest energy that is lost.
+    Of the total energy only the error is compared: which solution is found is open. The error is relative to the largest energy that is lost.
     """
     weights, lost, dissipated = (np.array(column) for column in zip(*rows))
     scale = 1 / (np.abs(lost).max() * weights.sum())
@@ -213,7 +213,7 @@ def main():
         field = Field(*product(frames, placed))
         shown.append((field, np.array(points), np.array(velocities)))
     biases, potential_objective = solve_potential(shown)
-    # The total energy of one demonstration is one equation: there the least squares decide.
+    # The total energy of one demonstration is one equation: there many solutions are as good.
     damping = [
         (target, count, *solve_damping(energy_rows(shown[:count], biases, whole_profile)))
         for target, count, whole_profile in [

@@ -63,8 +63,9 @@ impl SkillSet {
     #[must_use]
     pub fn has_reference_frames(&self) -> bool {
         let frames = |d: &Demonstration| (d.start, d.goal_frame);
-        std::iter::zip(&self.as_published, &self.demonstrations)
-            .any(|(a, b)| frames(a) != frames(b))
+        self.manifold == Manifold::R2
+            && std::iter::zip(&self.as_published, &self.demonstrations)
+                .any(|(a, b)| frames(a) != frames(b))
     }
 
     /// The poses of a demonstration from its first to its last motion.

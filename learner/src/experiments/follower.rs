@@ -57,9 +57,6 @@ pub trait Follower {
     /// Told which share of the velocity that it wants leads into an obstacle.
     fn press(&mut self, _share: f64) {}
 
-    /// Forgets where it was on its way.
-    fn restart(&mut self) {}
-
     /// Where it rests with these frames; `None` when it knows of no goal of its own.
     fn goal(&mut self, _frames: &[FrameMotion]) -> Option<Pose> {
         None
@@ -163,11 +160,6 @@ impl Follower for Learned<'_> {
 
     fn press(&mut self, share: f64) {
         self.state.press(share);
-    }
-
-    fn restart(&mut self) {
-        self.state.restart();
-        self.value = None;
     }
 
     fn goal(&mut self, frames: &[FrameMotion]) -> Option<Pose> {

@@ -445,9 +445,10 @@ impl Bench<'_> {
     fn thesis_metric(&self, case: &Case) -> Option<f64> {
         let set = &self.skills[case.skill];
         let dt = set.demonstrations[case.demonstration].sampling_time_s;
-        let smoothed = match case.tracks {
-            true => running_mean(set.motion(case.demonstration), dt, PUBLISHED_SMOOTHING),
-            false => Vec::new(),
+        let smoothed = if case.tracks {
+            running_mean(set.motion(case.demonstration), dt, PUBLISHED_SMOOTHING)
+        } else {
+            Vec::new()
         };
         let mut case = case.clone();
         let course = &mut case.course;

@@ -1,4 +1,4 @@
-//! What the default policy must do, and whether it did.
+//! What the policies must do, and whether they did.
 
 use super::metric::quantile;
 use super::models::{Kind, Models};
@@ -215,7 +215,7 @@ pub fn verdicts(rows: &[Row], models: &Models, components: [usize; 2]) -> Vec<Ve
         .collect();
     let rise = |rows: &[&Row]| format!("largest {:.1e}", worst(rows, |row| row.energy_rise_max));
     table.push(all(
-        "V, frames at rest, 100 Hz and 1 kHz: rise in a step under 1e-9 of V at the start",
+        "V, frames at rest, 100 Hz and 1 kHz: rise in a step under 1e-9 of its fall",
         &stable,
         rise,
         |row| row.energy_rise_max.is_some_and(|rise| rise < 1e-9),

@@ -98,7 +98,9 @@ pub(super) fn read(
         }
         let key = format!("demonstrations[{i}]");
         let (frames_key, foreign_frames) = match &foreign.reference_frames {
-            Some(reference) if selection.reference_frames => ("reference_frames", reference),
+            Some(reference) if selection.reference_frames && !reference.is_empty() => {
+                ("reference_frames", reference)
+            }
             _ => ("frames", &foreign.frames),
         };
         let frame = |name: &str| {

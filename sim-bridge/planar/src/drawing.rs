@@ -198,30 +198,34 @@ mod tests {
     use super::*;
 
     const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/drawings.json");
+    const UNSEEN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/drawings_unseen.json");
 
     #[test]
     fn the_shipped_drawings_are_many_and_end_in_their_frames_at_rest() {
-        let drawings = Drawings::read(Path::new(FILE)).unwrap();
-        assert!(drawings.drawings.len() >= 15 && drawings.count >= 3);
-        for drawing in &drawings.drawings {
-            let shown = show(&drawings, drawing, 1);
-            for d in &shown {
-                let last = d.points.len() - 1;
-                assert!((d.points[0] - d.start.position_m).length() < 1e-9);
-                assert!((d.points[last] - d.goal.position_m).length() < 1e-9);
-                let speed =
-                    |i: usize| (d.points[i + 1] - d.points[i]).length() / drawings.sampling_time_s;
-                let speeds: Vec<f64> = (0..last).map(speed).collect();
-                let fastest = speeds.iter().copied().fold(0.0, f64::max);
-                assert!(speeds[0] < 0.02 && speeds[last - 1] < 0.02);
-                assert!(fastest < 3.0, "{}: {fastest} m/s", drawing.skill);
+        for (file, least) in [(FILE, 15), (UNSEEN, 12)] {
+            let drawings = Drawings::read(Path::new(file)).unwrap();
+            assert!(drawings.drawings.len() >= least && drawings.count >= 3);
+            for drawing in &drawings.drawings {
+                let shown = show(&drawings, drawing, 1);
+                for d in &shown {
+                    let last = d.points.len() - 1;
+                    assert!((d.points[0] - d.start.position_m).length() < 1e-9);
+                    assert!((d.points[last] - d.goal.position_m).length() < 1e-9);
+                    let speed = |i: usize| {
+                        (d.points[i + 1] - d.points[i]).length() / drawings.sampling_time_s
+                    };
+                    let speeds: Vec<f64> = (0..last).map(speed).collect();
+                    let fastest = speeds.iter().copied().fold(0.0, f64::max);
+                    assert!(speeds[0] < 0.02 && speeds[last - 1] < 0.02);
+                    assert!(fastest < 3.0, "{}: {fastest} m/s", drawing.skill);
+                }
+                let frames_differ = |a: &crate::shape::PlanarPose, b: &crate::shape::PlanarPose| {
+                    (a.position_m - b.position_m).length() > 1e-3
+                        && (a.angle_rad - b.angle_rad).abs() > 1e-4
+                };
+                assert!(frames_differ(&shown[0].start, &shown[1].start));
+                assert!(frames_differ(&shown[0].goal, &shown[1].goal));
             }
-            let frames_differ = |a: &crate::shape::PlanarPose, b: &crate::shape::PlanarPose| {
-                (a.position_m - b.position_m).length() > 1e-3
-                    && (a.angle_rad - b.angle_rad).abs() > 1e-4
-            };
-            assert!(frames_differ(&shown[0].start, &shown[1].start));
-            assert!(frames_differ(&shown[0].goal, &shown[1].goal));
         }
     }
 

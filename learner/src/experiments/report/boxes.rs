@@ -487,7 +487,7 @@ fn stability(run: &Run) -> Vec<Picture> {
         "largest rise of V in a step, against the largest acceleration",
         [
             "log10 of acceleration over the demonstrations' largest",
-            "log10 of rise over V at the start",
+            "log10 of rise over the fall of V",
         ],
         [DVec2::new(-1.5, -18.0), DVec2::new(3.5, 3.0)],
         SIZE,
@@ -515,7 +515,7 @@ fn stability(run: &Run) -> Vec<Picture> {
         }
         words += &format!(
             "{policy}: {reached} of {of} random starts reach the goal; V rises by at most {rise:.1e} of \
-             that at the start in a step; from the demonstrated starts the acceleration is at most \
+             its fall in a step; from the demonstrated starts the acceleration is at most \
              {ratio:.1} times the demonstrations' largest. "
         );
     }
