@@ -59,6 +59,15 @@ pub enum FitSettings {
 }
 
 impl FitSettings {
+    /// What the demonstrations are smoothed by before anything else.
+    #[must_use]
+    pub fn running_mean(&self) -> Option<RunningMean> {
+        match self {
+            Self::Canonical(_) => None,
+            Self::Thesis(settings) => settings.running_mean,
+        }
+    }
+
     /// How the phase runs in demonstrations of this duration [s].
     #[must_use]
     pub fn pace(&self, duration_s: f64) -> Pace {
@@ -384,7 +393,7 @@ impl Skill {
                 ("fit.damping_min", t.damping_min),
             ]),
         }
-        if let FitSettings::Thesis(ThesisSettings { running_mean: Some(mean), .. }) = &self.fit {
+        if let Some(mean) = self.fit.running_mean() {
             positive.extend([
                 ("fit.running_mean.window_s", mean.window_s),
                 ("fit.running_mean.shape", mean.shape),
@@ -398,10 +407,8 @@ impl Skill {
 
     /// I₀ of a larger shape is no number; a window of this one is a few samples wide.
     fn validate_shape(&self) -> Result<(), (&'static str, String)> {
-        match &self.fit {
-            FitSettings::Thesis(ThesisSettings { running_mean: Some(mean), .. })
-                if mean.shape > SHAPE_MAX =>
-            {
+        match self.fit.running_mean() {
+            Some(mean) if mean.shape > SHAPE_MAX => {
                 let problem = format!("expected at most {SHAPE_MAX}, found {}", mean.shape);
                 Err(("fit.running_mean.shape", problem))
             }

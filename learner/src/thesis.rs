@@ -305,13 +305,8 @@ pub fn fit_damping<const D: usize>(
             nonnegative.push(Affine { constant: -sign * lost / size, coefficients });
         }
     }
-    let error: Vec<(usize, f64)> = rows
-        .iter()
-        .enumerate()
-        .map(|(j, (weight, ..))| (components + j, weight / all.len() as f64))
-        .collect();
-    let mut linear = vec![0.0; components + rows.len()];
-    error.iter().for_each(|(j, weight)| linear[*j] = *weight);
+    let mut linear = vec![0.0; components];
+    linear.extend(rows.iter().map(|(weight, ..)| weight / all.len() as f64));
     let mut program = ConicProgram::new(DMatrix::zeros(0, 0), linear);
     program.require_nonnegative(nonnegative);
     let solution = program.solve();

@@ -23,7 +23,7 @@ use crate::plausibility;
 use crate::policy::Learned;
 use crate::running_mean::running_mean;
 use crate::savitzky_golay::Path;
-use crate::skill::{FieldSettings, FitSettings, Skill, ThesisSettings};
+use crate::skill::{FieldSettings, FitSettings, Skill};
 use crate::targets::BlockPath;
 use crate::thesis;
 use crate::tp_gmm::{Samples, TpGmm, frames, uninformative_frames};
@@ -260,10 +260,10 @@ fn stored_canonical(
 /// with a start frame that is fixed to the goal frame for skills that have no other.
 pub(crate) fn prepared(skill: &Skill, demonstrations: &[Demonstration]) -> Vec<Demonstration> {
     let mut demonstrations = demonstrations.to_vec();
-    if let FitSettings::Thesis(ThesisSettings { running_mean: Some(settings), .. }) = &skill.fit {
+    if let Some(settings) = skill.fit.running_mean() {
         for demonstration in &mut demonstrations {
             let (poses, dt) = (&demonstration.poses, demonstration.sampling_time_s);
-            demonstration.poses = running_mean(poses, dt, *settings);
+            demonstration.poses = running_mean(poses, dt, settings);
         }
     }
     if skill.start_frame == skill.goal_frame {
