@@ -22,11 +22,11 @@ use tprmp_controller::policy::{Policy, Task, TaskParameters};
 use tprmp_controller::startup::{self, Loaded};
 use tprmp_model::controller_config::ControllerConfig;
 use tprmp_model::skill_model::{self, FieldModel, SkillModel};
-use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::leaves::Obstacle;
 use tprmp_rmpflow::natural::Natural;
 use tprmp_rmpflow::policy::Policy as SkillPolicy;
-use tprmp_rmpflow::product_skill::ProductSkill;
+use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::policy::thesis::product_skill::ProductSkill;
 use tprmp_robot::{
     Chain, ControlPoint, ControlPoints, Kinematics, forward_kinematics,
     forward_kinematics_with_velocity, inverse_dynamics, point_position,

@@ -15,7 +15,7 @@ use tprmp_bench::robot::{Robot, Skill};
 use tprmp_bench::role::Role;
 use tprmp_bench::statistics::{Buckets, rounded};
 use tprmp_bench::{FIFO_PRIORITY, Fallible};
-use tprmp_controller::realtime::{monotonic_ns, sleep_until};
+use tprmp_controller::timing::realtime::{monotonic_ns, sleep_until};
 use tprmp_messages::{Instance, StatePublisherPorts};
 
 const PERIOD_NS: u64 = 1_000_000;

@@ -11,7 +11,7 @@ use nalgebra::SVector;
 use tprmp_bench::results::{self, Verdict};
 use tprmp_controller::policy::{Policy, Task, TaskParameters};
 use tprmp_controller::startup;
-use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
 
 const BATCHES: usize = 60;
 const BATCH: u32 = 100;

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use rustix::thread::{CpuSet, sched_getaffinity};
 use serde_json::{Value, json};
-use tprmp_controller::realtime::{self, Granted, monotonic_ns};
+use tprmp_controller::timing::realtime::{self, Granted, monotonic_ns};
 use tprmp_model::controller_config::RealTime;
 
 use crate::{FIFO_PRIORITY, Fallible};

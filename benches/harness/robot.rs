@@ -4,7 +4,7 @@
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, TAU};
 
 use serde::{Deserialize, Serialize};
-use tprmp_controller::realtime::monotonic_ns;
+use tprmp_controller::timing::realtime::monotonic_ns;
 use tprmp_messages::{
     CommandMode, Frame, GripperState, JOINT_CAPACITY, Obstacle, ObstacleKind, RobotState,
     StatePublisherPorts, TaskFrames, name_bytes,

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
 use serde::{Deserialize, Serialize};
-use tprmp_controller::realtime::{monotonic_ns, sleep_until};
+use tprmp_controller::timing::realtime::{monotonic_ns, sleep_until};
 use tprmp_messages::{Instance, JointCommand};
 
 use crate::robot::{Robot, Skill};

@@ -14,19 +14,19 @@ use tprmp_messages::{
 };
 use tprmp_model::controller_config::{ControllerConfig, Trigger};
 
-use crate::allocation;
-use crate::external::ExternalCommand;
+use crate::commands::monitor::Board;
+use crate::inputs::external::ExternalCommand;
 use crate::inputs::{JointState, Scene, check_state, jumps, within_position_limits};
-use crate::limits::JointLimits;
-use crate::monitor::Board;
+use crate::motion::limits::JointLimits;
 use crate::motion::{Motion, Setpoint};
-use crate::overruns::Overruns;
-use crate::pacing::{Arrivals, POLL_NS, Pace, Schedule, Wake};
 use crate::policy::{Policy, TaskParameters, Workspace};
-use crate::realtime::{PageFaults, monotonic_ns, sleep_until, spin_until};
-use crate::standstill::{Headway, Standstill};
+use crate::task::standstill::{Headway, Standstill};
 use crate::task::{Course, Remaining};
 use crate::telemetry::{Connections, Telemetry, Tick, TickTimes};
+use crate::timing::allocation;
+use crate::timing::overruns::Overruns;
+use crate::timing::pacing::{Arrivals, POLL_NS, Pace, Schedule, Wake};
+use crate::timing::realtime::{PageFaults, monotonic_ns, sleep_until, spin_until};
 
 /// Pause between two looks for the first state and frames \[ns\].
 const CONNECT_POLL_NS: u64 = 1_000_000;

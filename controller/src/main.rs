@@ -9,12 +9,12 @@ use std::sync::atomic::AtomicBool;
 use clap::{Args, Parser, Subcommand};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
-use tprmp_controller::allocation::CountingAllocator;
-use tprmp_controller::monitor::Monitor;
-use tprmp_controller::overrides::Overrides;
-use tprmp_controller::pacing::Pace;
-use tprmp_controller::soak::Soak;
+use tprmp_controller::commands::monitor::Monitor;
+use tprmp_controller::commands::overrides::Overrides;
+use tprmp_controller::commands::soak::Soak;
 use tprmp_controller::startup::{self, StartError, WithRobot};
+use tprmp_controller::timing::allocation::CountingAllocator;
+use tprmp_controller::timing::pacing::Pace;
 use tprmp_controller::{check, realtime, top};
 use tprmp_messages::{Instance, LAYOUT, LifeCycle};
 

@@ -6,23 +6,23 @@ use core::ops::Range;
 use glam::DVec3;
 use nalgebra::{SVector, Vector6};
 use tprmp_model::controller_config::{Collision, ControllerConfig, ExemptObstacle, Exemption};
-use tprmp_rmpflow::avoidance::{Body, Part, PointMotion, add_clearance};
-use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
-use tprmp_rmpflow::governor::SpeedGovernor;
-use tprmp_rmpflow::joint_leaves::{JointLimits, JointSpeedLimits, Posture};
+use tprmp_rmpflow::leaves::avoidance::{Body, Part, PointMotion, add_clearance};
+use tprmp_rmpflow::leaves::joint_limits::{JointLimits, JointSpeedLimits, Posture};
 use tprmp_rmpflow::leaves::{ApproachFunnel, Obstacle, PoseAttractor, Shape, Twist};
 use tprmp_rmpflow::natural::{Natural, ResolveError};
+use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::policy::canonical::skill::{SkillInertia, SkillValue};
+use tprmp_rmpflow::policy::governor::SpeedGovernor;
 use tprmp_rmpflow::policy::{Policy as SkillPolicy, PolicyState};
-use tprmp_rmpflow::skill::{SkillInertia, SkillValue};
 use tprmp_rmpflow::tree::{self, SelfCollision, Tree, TreeState};
 use tprmp_robot::{
     CONTROL_POINT_CAPACITY, Chain, ControlPoint, ControlPoints, Kinematics, SelfPairs,
     forward_kinematics_with_velocity, point_kinematics, point_position,
 };
 
-use crate::external::ExternalCommand;
-use crate::limits::working_range;
-use crate::standstill::Surroundings;
+use crate::inputs::external::ExternalCommand;
+use crate::motion::limits::working_range;
+use crate::task::standstill::Surroundings;
 
 /// The policy: immutable.
 #[derive(Debug)]

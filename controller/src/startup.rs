@@ -9,13 +9,13 @@ use tprmp_model::skill_model::{self, ModelError, SkillModel};
 use tprmp_rmpflow::policy::Policy as SkillPolicy;
 use tprmp_robot::{Chain, ControlPointError, ControlPoints, UrdfError, count_joints};
 
+use crate::commands::soak::SoakError;
 use crate::cycle::Cycle;
 use crate::inputs::Scene;
-use crate::limits::working_range;
-use crate::pacing::Pace;
+use crate::motion::limits::working_range;
 use crate::policy::Policy;
-use crate::realtime::Refusal;
-use crate::soak::SoakError;
+use crate::timing::pacing::Pace;
+use crate::timing::realtime::Refusal;
 
 /// Why the controller does not start.
 #[derive(Debug, Error)]

@@ -275,7 +275,7 @@ fn buckets(histogram: &Histogram<u64>) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::realtime::PageFaults;
+    use crate::timing::realtime::PageFaults;
     use tprmp_messages::LifeCycle;
 
     fn tick(evaluation_ns: u64) -> Tick {

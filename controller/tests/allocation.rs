@@ -3,9 +3,9 @@
 //! obstacles and sends faulty messages, so that braking and resuming are counted too, and beside
 //! somebody who commands the tool now and then.
 
-use tprmp_controller::allocation::{self, CountingAllocator};
-use tprmp_controller::pacing::Pace;
-use tprmp_controller::realtime::monotonic_ns;
+use tprmp_controller::timing::allocation::{self, CountingAllocator};
+use tprmp_controller::timing::pacing::Pace;
+use tprmp_controller::timing::realtime::monotonic_ns;
 use tprmp_messages::{
     Instance, Obstacle, ObstacleKind, RobotState, StatePublisherPorts, TaskFrames, ToolCommand,
     ToolCommandPort,

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use glam::DVec3;
 use nalgebra::SVector;
-use tprmp_controller::limits::JointLimits;
-use tprmp_controller::pacing::Pace;
+use tprmp_controller::motion::limits::JointLimits;
 use tprmp_controller::startup;
+use tprmp_controller::timing::pacing::Pace;
 use tprmp_messages::{
     CommandMode, Instance, JointCommand, LifeCycle, Obstacle, ObstacleKind, Reason, ToolCommand,
 };

@@ -7,7 +7,7 @@ use nalgebra::SVector;
 use tprmp_controller::policy::{Policy, Task, TaskParameters, Workspace};
 use tprmp_controller::startup;
 use tprmp_model::controller_config::{Attractor, ControllerConfig};
-use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
 
 const N: usize = 2;
 

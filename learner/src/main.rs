@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 
 use clap::{Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
-use tprmp_learner::components::Components;
 use tprmp_learner::error::LearnerError;
 use tprmp_learner::import::{Interpolation, Selection, import};
+use tprmp_learner::mixture::components::Components;
 use tprmp_learner::{experiments, plot, record, report, train};
 use tprmp_model::skill_model;
 

@@ -8,7 +8,7 @@ use tprmp_model::skill_model::{
     ThesisModel,
 };
 
-use crate::components::Choice;
+use crate::mixture::components::Choice;
 use crate::train::Trained;
 
 /// What `learner train` prints.

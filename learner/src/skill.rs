@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
-use tprmp_rmpflow::field::COMPONENT_CAPACITY;
+use tprmp_rmpflow::policy::canonical::field::COMPONENT_CAPACITY;
 
+use crate::canonical::pace::Pace;
 use crate::demonstration::DURATION_MAX_S;
 use crate::error::{LearnerError, read_text};
-use crate::pace::Pace;
 
 /// Schema version this module reads.
 pub const SCHEMA: &str = "tprmp-skill/3";

@@ -11,22 +11,22 @@ use tprmp_model::skill_model::{
     Canonical, Certificate, DemonstrationRollout, FieldModel, Fit, FrameMixture, Policy,
     ProgramFit, Provenance, SkillModel, Source, Waypoint,
 };
-use tprmp_rmpflow::frame_map::Anchor;
+use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
 
+use crate::canonical::running_mean::running_mean;
+use crate::canonical::savitzky_golay::Path;
 use crate::canonical::{CanonicalDemonstration, CanonicalSet, canonicalise, mean_start};
 use crate::certify::Examiner;
-use crate::components::{self, Choice, Components};
+use crate::certify::policy::Learned;
+use crate::demonstration::plausibility;
 use crate::demonstration::{self, Demonstration};
 use crate::error::LearnerError;
+use crate::fit::targets::BlockPath;
+use crate::fit::thesis;
 use crate::fit::{VALLEY_FAULTS, fit, shape};
-use crate::plausibility;
-use crate::policy::Learned;
-use crate::running_mean::running_mean;
-use crate::savitzky_golay::Path;
+use crate::mixture::components::{self, Choice, Components};
+use crate::mixture::tp_gmm::{Samples, TpGmm, frames, uninformative_frames};
 use crate::skill::{FieldSettings, FitSettings, Skill};
-use crate::targets::BlockPath;
-use crate::thesis;
-use crate::tp_gmm::{Samples, TpGmm, frames, uninformative_frames};
 
 /// A demonstration is warned of when it is left by more than this share of the skill's span.
 const PATH_SHARE_MAX: f64 = 0.05;

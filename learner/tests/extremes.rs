@@ -6,8 +6,8 @@ mod common;
 use common::{Folder, arcs, skill_text};
 use glam::DVec3;
 use proptest::prelude::*;
-use tprmp_learner::components::Components;
 use tprmp_learner::demonstration::Demonstration;
+use tprmp_learner::mixture::components::Components;
 use tprmp_learner::train::train;
 use tprmp_model::skill_model::{self, Manifold};
 

@@ -12,14 +12,14 @@ use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tprmp_learner::canonical::canonicalise;
+use tprmp_learner::certify::policy::Learned;
+use tprmp_learner::certify::rollout::{Course, follow};
 use tprmp_learner::demonstration::Demonstration;
-use tprmp_learner::policy::Learned;
-use tprmp_learner::rollout::{Course, follow};
+use tprmp_learner::mixture::tp_gmm::{frames, uninformative_frames};
 use tprmp_learner::skill::{FitSettings, Skill};
-use tprmp_learner::tp_gmm::{frames, uninformative_frames};
 use tprmp_learner::train::{Trained, learn};
 use tprmp_model::skill_model::{FrameMixture, Manifold, SkillModel};
-use tprmp_rmpflow::frame_map::Pose;
+use tprmp_rmpflow::policy::canonical::frame_map::Pose;
 
 /// A skill whose training is not examined, for tests that do so themselves.
 fn unexamined(template: &str) -> Skill {

@@ -4,10 +4,10 @@
 use nalgebra::{DVector, Matrix3, Vector3};
 use rand::SeedableRng;
 use serde::Deserialize;
+use tprmp_learner::fit::targets::BlockPath;
 use tprmp_learner::fit::{fit, shape};
+use tprmp_learner::mixture::tp_gmm::Samples;
 use tprmp_learner::skill::{FieldSettings, FitSettings, Skill};
-use tprmp_learner::targets::BlockPath;
-use tprmp_learner::tp_gmm::Samples;
 
 #[derive(Deserialize)]
 struct Oracle {

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use common::{Folder, arcs, skill_text};
-use tprmp_learner::components::{Candidate, Choice, Components};
+use tprmp_learner::mixture::components::{Candidate, Choice, Components};
 use tprmp_learner::plot;
 use tprmp_learner::train::train;
 use tprmp_model::skill_model::{self, Manifold};

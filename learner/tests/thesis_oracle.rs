@@ -4,12 +4,12 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{Matrix2, Vector2};
 use serde::Deserialize;
+use tprmp_learner::fit::thesis::{Sample, Shown, fit_damping, fit_potential};
 use tprmp_learner::skill::{DampingTarget, ThesisSettings};
-use tprmp_learner::thesis::{Sample, Shown, fit_damping, fit_potential};
 use tprmp_model::skill_model::{FrameGaussian, FrameMixture, ThesisModel, product_skill};
-use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
-use tprmp_rmpflow::gaussian_field::GaussianField;
-use tprmp_rmpflow::product_skill::ProductState;
+use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::policy::thesis::gaussian_field::GaussianField;
+use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
 
 type Vector = [f64; 2];
 type Matrix = [[f64; 2]; 2];

@@ -6,14 +6,14 @@ use std::process::{Command, Output};
 
 use common::{Folder, arcs, skill, skill_text};
 use glam::{DQuat, DVec3};
-use tprmp_learner::components::Components;
 use tprmp_learner::demonstration::Demonstration;
 use tprmp_learner::error::LearnerError;
+use tprmp_learner::mixture::components::Components;
 use tprmp_learner::report;
 use tprmp_learner::skill::Initialisation;
 use tprmp_learner::train::{Trained, learn, train};
 use tprmp_model::skill_model::{self, FieldModel, Manifold, Policy, to_text};
-use tprmp_rmpflow::frame_map::Pose;
+use tprmp_rmpflow::policy::canonical::frame_map::Pose;
 
 fn learned(template: &str, shown: &[Demonstration]) -> Result<Trained, LearnerError> {
     learn(&skill(template), shown, 1, &mut |_| {})

@@ -4,7 +4,7 @@
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
-use tprmp_controller::realtime::monotonic_ns;
+use tprmp_controller::timing::realtime::monotonic_ns;
 use tprmp_messages::{
     CommandMode, Frame, Instance, JointCommand, Obstacle, ObstacleKind, Reason, RobotState,
     StatePublisherPorts, TaskFrames, name_bytes,

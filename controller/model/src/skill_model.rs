@@ -34,10 +34,10 @@ pub use file::{ModelError, read, sha256_hex, to_text, write};
 
 use serde::{Deserialize, Serialize};
 
-pub use tprmp_rmpflow::adaptation::{COORDINATES, SPLINES};
-pub use tprmp_rmpflow::product_skill::FRAME_CAPACITY;
+pub use tprmp_rmpflow::policy::canonical::adaptation::{COORDINATES, SPLINES};
+pub use tprmp_rmpflow::policy::thesis::product_skill::FRAME_CAPACITY;
 
-use tprmp_rmpflow::adaptation;
+use tprmp_rmpflow::policy::canonical::adaptation;
 
 /// Schema version this crate reads and writes.
 pub const SCHEMA: &str = "tprmp-model/5";
@@ -200,7 +200,7 @@ pub struct Canonical {
     pub adaptation: Option<Adaptation>,
 }
 
-/// `y = y° − E(s) u`, see [`tprmp_rmpflow::adaptation`].
+/// `y = y° − E(s) u`, see [`tprmp_rmpflow::policy::canonical::adaptation`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Adaptation {

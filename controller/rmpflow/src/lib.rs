@@ -24,22 +24,10 @@
 
 #![allow(clippy::needless_range_loop, reason = "formulas with matrices are written with indices")]
 
-pub mod adaptation;
-pub mod avoidance;
-pub mod field;
-pub mod frame_map;
-pub mod gaussian_field;
-pub mod gaussian_product;
-pub mod governor;
 pub mod jet;
-pub mod joint_leaves;
 mod lanes;
 pub mod leaves;
 pub mod natural;
-pub mod obstacle;
 pub mod policy;
-mod product_quad;
-pub mod product_skill;
 pub mod rotation;
-pub mod skill;
 pub mod tree;

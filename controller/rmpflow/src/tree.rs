@@ -11,16 +11,16 @@
 //! Every leaf but the steering is a geometric dynamical system, so that with frames and obstacles at
 //! rest the sum of their energies never rises [Cheng et al. 2019, RMPflow, theorem 2]. A robot of
 //! any kind is a [`Body`]: N coordinates, and points that move with them. A point that moves freely
-//! is a [`FreeBall`](crate::avoidance::FreeBall).
+//! is a [`FreeBall`](crate::leaves::avoidance::FreeBall).
 
 use glam::DVec3;
 use nalgebra::{SMatrix, SVector, Vector1};
 
-use crate::avoidance::{Avoidance, AvoidanceState, Body, Nearness, vector};
-use crate::joint_leaves::{JointLimits, JointSpeedLimits, Posture};
+use crate::leaves::avoidance::{Avoidance, AvoidanceState, Body, Nearness, vector};
+use crate::leaves::joint_limits::{JointLimits, JointSpeedLimits, Posture};
+use crate::leaves::obstacle::Obstacle;
 use crate::leaves::{CollisionAvoidance, JointDamping};
 use crate::natural::{Natural, ResolveError};
-use crate::obstacle::Obstacle;
 
 /// The leaves beside the task. Immutable.
 #[derive(Debug, Clone)]

@@ -3,10 +3,10 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
-use tprmp_rmpflow::avoidance::{Avoidance, Body, FreeBall, PointMotion, Side, Steering};
+use tprmp_rmpflow::leaves::avoidance::{Avoidance, Body, FreeBall, PointMotion, Side, Steering};
+use tprmp_rmpflow::leaves::obstacle::{Obstacle, Shape};
 use tprmp_rmpflow::leaves::{CollisionAvoidance, JointDamping};
 use tprmp_rmpflow::natural::Natural;
-use tprmp_rmpflow::obstacle::{Obstacle, Shape};
 use tprmp_rmpflow::tree::{Task, Tree, TreeState};
 
 const DAMPING: f64 = 8.0;

@@ -3,11 +3,11 @@
 use glam::{DVec2, DVec3};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 use proptest::prelude::*;
-use tprmp_rmpflow::avoidance::{Avoidance, Body, Part, PointMotion, Side, Steering};
-use tprmp_rmpflow::joint_leaves::{JointLimits, JointSpeedLimits, Posture};
+use tprmp_rmpflow::leaves::avoidance::{Avoidance, Body, Part, PointMotion, Side, Steering};
+use tprmp_rmpflow::leaves::joint_limits::{JointLimits, JointSpeedLimits, Posture};
+use tprmp_rmpflow::leaves::obstacle::{Obstacle, Shape};
 use tprmp_rmpflow::leaves::{CollisionAvoidance, JointDamping};
 use tprmp_rmpflow::natural::Natural;
-use tprmp_rmpflow::obstacle::{Obstacle, Shape};
 use tprmp_rmpflow::tree::{Resolved, SelfCollision, Task, Tree, TreeState};
 
 const LEAF: CollisionAvoidance = CollisionAvoidance {

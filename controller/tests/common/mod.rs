@@ -8,9 +8,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tprmp_controller::cycle::Ending;
-use tprmp_controller::pacing::Pace;
 use tprmp_controller::startup::{self, StartError, WithRobot};
 use tprmp_controller::telemetry::Connections;
+use tprmp_controller::timing::pacing::Pace;
 use tprmp_messages::{
     Frame, Instance, JointCommand, RobotState, StatePublisherPorts, TaskFrames, name_bytes,
 };

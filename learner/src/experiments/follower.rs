@@ -3,11 +3,11 @@
 use glam::DVec3;
 use nalgebra::{DMatrix, Vector6};
 use tprmp_model::skill_model::{EvaluationError, Policy, SkillModel};
-use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
-use tprmp_rmpflow::governor::SpeedGovernor;
 use tprmp_rmpflow::natural::Natural;
+use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::policy::canonical::skill::{SkillInertia, SkillValue};
+use tprmp_rmpflow::policy::governor::SpeedGovernor;
 use tprmp_rmpflow::policy::{self, PolicyState};
-use tprmp_rmpflow::skill::{SkillInertia, SkillValue};
 
 /// Inertia of a point that obeys a policy without an inertia of its own, the certified one's at the
 /// goal included [kg]: about what γ = 0.25 gives a skill of 2.75 m, so that a force does to all what

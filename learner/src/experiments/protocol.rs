@@ -7,7 +7,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::frame_map::Pose;
+use tprmp_rmpflow::policy::canonical::frame_map::Pose;
 
 use super::baselines::{Dmp, Lqr, Pd};
 use super::dataset::SkillSet;
@@ -18,7 +18,7 @@ use super::progress;
 use super::results::{Row, finite};
 use super::world::{Ball, Course, GoalMotion, Push, Trace, run};
 use crate::canonical::mean_goal;
-use crate::running_mean::running_mean;
+use crate::canonical::running_mean::running_mean;
 use crate::skill::RunningMean;
 
 /// Step of all rollouts, as in the thesis [s].

@@ -7,7 +7,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
 
 use super::dataset::SkillSet;
 use super::follower::{Follower, Moment};
@@ -17,7 +17,7 @@ use super::progress;
 use super::protocol::{Bench, CIRCLE_RADIUS_M, CIRCLE_SPEED_RAD_S, DURATION_S, shown_course};
 use super::results::{Row, finite};
 use super::world::{Course, GoalMotion, resolve, run};
-use crate::savitzky_golay::smooth;
+use crate::canonical::savitzky_golay::smooth;
 
 /// Random starts lie in the box around the demonstrations, larger by this share of its diagonal on
 /// each side.

@@ -4,11 +4,11 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{Cholesky, Matrix6, SVector, Vector6};
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::avoidance::{Avoidance, AvoidanceState, FreeBall, Side, Steering};
-use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::leaves::CollisionAvoidance;
+use tprmp_rmpflow::leaves::avoidance::{Avoidance, AvoidanceState, FreeBall, Side, Steering};
+use tprmp_rmpflow::leaves::obstacle::{Obstacle, Shape};
 use tprmp_rmpflow::natural::Natural;
-use tprmp_rmpflow::obstacle::{Obstacle, Shape};
+use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
 
 use super::follower::{Follower, INERTIA_KG, Moment, SPEED_MAX_M_S};
 use super::metric::{STOP_SPEED_M_S, STOP_STEPS};

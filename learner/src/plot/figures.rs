@@ -2,7 +2,7 @@
 //! and from a corner, its fields on slices through the goal.
 
 use glam::{DVec2, DVec3};
-use tprmp_rmpflow::frame_map::{Canonical, Pose};
+use tprmp_rmpflow::policy::canonical::frame_map::{Canonical, Pose};
 use tprmp_rmpflow::rotation::rotation_vector;
 
 use super::canvas::Canvas;
@@ -12,8 +12,8 @@ use super::forces::{Forces, Share};
 use super::projection::{Ellipsoid, View};
 use super::scene::{SAMPLE_S, Sample, Scene};
 use super::svg::{Figure, INK, Panel, Sign, Stroke, principal_axes};
-use crate::components::Choice;
 use crate::demonstration::Demonstration;
+use crate::mixture::components::Choice;
 
 /// Standard deviations at which Gaussians are drawn.
 const DEVIATIONS: f64 = 2.0;

@@ -6,10 +6,10 @@
 use glam::DVec2;
 use nalgebra::Vector2;
 use tprmp_model::skill_model::{Policy, SkillModel};
-use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
-use tprmp_rmpflow::gaussian_field::{GaussianComponent, GaussianField};
 use tprmp_rmpflow::policy;
-use tprmp_rmpflow::product_skill::ProductState;
+use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::policy::thesis::gaussian_field::{GaussianComponent, GaussianField};
+use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
 
 /// A component's part in the force at a point. Forces are in proportion to each other.
 #[derive(Debug, Clone, Copy)]

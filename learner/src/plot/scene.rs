@@ -3,16 +3,18 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use tprmp_model::skill_model::{EvaluationError, Manifold, Policy, SkillModel};
-use tprmp_rmpflow::frame_map::{Canonical, Displacement, FrameMap, FrameMotion, Pose};
-use tprmp_rmpflow::gaussian_field::{GaussianComponent, GaussianField};
+use tprmp_rmpflow::policy::canonical::frame_map::{
+    Canonical, Displacement, FrameMap, FrameMotion, Pose,
+};
+use tprmp_rmpflow::policy::thesis::gaussian_field::{GaussianComponent, GaussianField};
+use tprmp_rmpflow::policy::thesis::product_skill::{ProductSkill, ProductState};
 use tprmp_rmpflow::policy::{self, PolicyState};
-use tprmp_rmpflow::product_skill::{ProductSkill, ProductState};
 
 use super::forces::Forces;
 use super::projection::Ellipsoid;
-use crate::pace::Pace;
-use crate::policy::{Learned, Situation};
-use crate::rollout::{Course, acceleration, follow};
+use crate::canonical::pace::Pace;
+use crate::certify::policy::{Learned, Situation};
+use crate::certify::rollout::{Course, acceleration, follow};
 
 /// Step of the rollouts [s].
 const STEP_S: f64 = 2e-3;

@@ -14,12 +14,12 @@
 use std::collections::VecDeque;
 
 use tprmp_model::skill_model::FRAME_CAPACITY;
-use tprmp_rmpflow::frame_map::Pose;
+use tprmp_rmpflow::policy::canonical::frame_map::Pose;
 
 use super::intake::{Frames, NO_FRAMES, Sight};
 use super::take::{Sample, Shown, Take, Task};
 use crate::demonstration::DURATION_MAX_S;
-use crate::plausibility::angle;
+use crate::demonstration::plausibility::angle;
 
 /// Speeds are means over this time [ns].
 const WINDOW_NS: u64 = 100_000_000;

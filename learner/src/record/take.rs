@@ -3,10 +3,10 @@
 
 use glam::DQuat;
 use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
-use tprmp_rmpflow::frame_map::Pose;
+use tprmp_rmpflow::policy::canonical::frame_map::Pose;
 
+use crate::demonstration::plausibility::angle;
 use crate::demonstration::{Demonstration, POINTS_MIN};
-use crate::plausibility::angle;
 use crate::skill::Skill;
 
 /// Of the rest before and after the motion so much is kept [ns].

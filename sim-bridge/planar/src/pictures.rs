@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec2, DVec3};
 use serde_json::Value;
-use tprmp_rmpflow::frame_map::{Anchor, Canonical, FrameMap, FrameMotion, Pose};
+use tprmp_rmpflow::policy::canonical::frame_map::{Anchor, Canonical, FrameMap, FrameMotion, Pose};
 
 use crate::log::{Bridge, Row};
 use crate::record::Demonstration;

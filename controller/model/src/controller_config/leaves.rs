@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 use serde::Deserialize;
-use tprmp_rmpflow::avoidance::{self, Side};
-use tprmp_rmpflow::governor::SpeedGovernor;
+use tprmp_rmpflow::leaves::avoidance::{self, Side};
 use tprmp_rmpflow::leaves::{
     ApproachFunnel, CollisionAvoidance, JointDamping, PoseAttractor, VelocityFollower,
 };
-use tprmp_rmpflow::skill::SkillInertia;
+use tprmp_rmpflow::policy::canonical::skill::SkillInertia;
+use tprmp_rmpflow::policy::governor::SpeedGovernor;
 
 /// A link and a kind of obstacle that need not keep apart, or not as far as others.
 #[derive(Debug, Clone, PartialEq, Deserialize)]

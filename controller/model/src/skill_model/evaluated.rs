@@ -2,11 +2,13 @@
 
 use glam::{DQuat, DVec3};
 use nalgebra::SMatrix;
-use tprmp_rmpflow::frame_map::{self, Anchor, FrameMap, FrameMapError};
-use tprmp_rmpflow::gaussian_product::PoseGaussian;
 use tprmp_rmpflow::policy;
-use tprmp_rmpflow::product_skill::{ProductComponent, ProductSkill, ProductSkillError};
-use tprmp_rmpflow::skill::{PositionField, Skill};
+use tprmp_rmpflow::policy::canonical::frame_map::{self, Anchor, FrameMap, FrameMapError};
+use tprmp_rmpflow::policy::canonical::skill::{PositionField, Skill};
+use tprmp_rmpflow::policy::thesis::gaussian_product::PoseGaussian;
+use tprmp_rmpflow::policy::thesis::product_skill::{
+    ProductComponent, ProductSkill, ProductSkillError,
+};
 
 use super::{FieldModel, FrameGaussian, FrameMixture, Manifold, Policy, SkillModel, ThesisModel};
 

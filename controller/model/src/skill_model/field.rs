@@ -2,8 +2,8 @@
 
 use glam::{DQuat, DVec3};
 use nalgebra::{SMatrix, SVector};
-use tprmp_rmpflow::field::{self, Field};
-use tprmp_rmpflow::frame_map;
+use tprmp_rmpflow::policy::canonical::field::{self, Field};
+use tprmp_rmpflow::policy::canonical::frame_map;
 
 use super::{Component, FieldModel, Pose};
 

@@ -1,8 +1,8 @@
 //! The rules a model obeys.
 
 use nalgebra::DMatrix;
-use tprmp_rmpflow::field::COMPONENT_CAPACITY;
-use tprmp_rmpflow::frame_map::PHASE_DISTANCE_MIN;
+use tprmp_rmpflow::policy::canonical::field::COMPONENT_CAPACITY;
+use tprmp_rmpflow::policy::canonical::frame_map::PHASE_DISTANCE_MIN;
 
 use super::{
     Component, FRAME_CAPACITY, FieldModel, Gaussian, Policy, Pose, SPLINES, SkillModel, ThesisModel,

@@ -13,7 +13,7 @@
 use glam::DVec3;
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, Vector2, Vector4};
 use tprmp_model::skill_model::SkillModel;
-use tprmp_rmpflow::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
 
 use crate::experiments::follower::{Follower, Moment, Wish, point_wish};
 

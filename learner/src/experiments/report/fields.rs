@@ -6,9 +6,9 @@ use tprmp_model::skill_model::{Manifold, SkillModel};
 
 use super::paths::{grid, panel, points};
 use super::{Picture, Run};
+use crate::canonical::pace::Pace;
 use crate::experiments::dataset::SkillSet;
 use crate::experiments::models::Kind;
-use crate::pace::Pace;
 use crate::plot::colour::{Scale, of_phase};
 use crate::plot::field::Grid;
 use crate::plot::gallery;

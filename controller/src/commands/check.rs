@@ -1,0 +1,222 @@
+//! `controller check`: are the files right, and what does this machine lack for real time?
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use tprmp_messages::{SHARED_MEMORY_MIN_BYTES, free_shared_memory_bytes};
+use tprmp_model::controller_config::{self, ControllerConfig, Grant, RealTime};
+use tprmp_model::skill_model::SkillModel;
+use tprmp_robot::{Chain, ControlPoints, Ignored, SelfPairs};
+
+use crate::startup::{self, StartError, WithRobot};
+use crate::timing::realtime;
+
+/// Checks the files, which is an error when they are wrong, and the machine, which is a list of
+/// remedies.
+///
+/// # Errors
+/// The first thing that would keep the controller from starting.
+pub fn check(config_path: &Path, model_paths: &[PathBuf]) -> Result<(), StartError> {
+    let config = controller_config::read(config_path)?;
+    line("ok", "configuration", &config_path.display().to_string());
+    startup::with_robot(config_path, &config, Describe { config_path, config: &config })?;
+    if !model_paths.is_empty() {
+        let loaded = startup::load(config_path, model_paths, true)?;
+        for (path, skill) in model_paths.iter().zip(&loaded.skills) {
+            describe_model(path, &skill.model);
+        }
+    }
+    check_machine(&config);
+    Ok(())
+}
+
+fn describe_model(path: &Path, model: &SkillModel) {
+    let text = format!(
+        "{}: skill `{}` on {} from `{}` to `{}`, {} Gaussians",
+        path.display(),
+        model.skill,
+        model.manifold,
+        model.start_frame,
+        model.goal_frame,
+        model.gaussians.len(),
+    );
+    line("ok", "model", &text);
+    match model.certificate.failures.first() {
+        None => line("ok", "certificate", "holds"),
+        Some(failure) => line(
+            "lack",
+            "certificate",
+            &format!("{failure}: it is run with --allow-uncertified only"),
+        ),
+    }
+}
+
+fn line(verdict: &str, what: &str, text: &str) {
+    // A reader that has gone away, as in `controller check … | head`, is no reason to fail.
+    let _ = writeln!(std::io::stdout(), "{verdict:>4}  {what:<16} {text}");
+}
+
+struct Describe<'a> {
+    config_path: &'a Path,
+    config: &'a ControllerConfig,
+}
+
+impl WithRobot for Describe<'_> {
+    type Output = ();
+
+    fn call<const N: usize>(self) -> Result<(), StartError> {
+        let (chain, points) = startup::robot::<N>(self.config_path, self.config)?;
+        let text = format!(
+            "{}: {N} joints from `{}` to `{}`, {} control points",
+            self.config.robot.urdf.display(),
+            chain.root_link(),
+            chain.tool_link(),
+            points.as_slice().len()
+        );
+        line("ok", "robot", &text);
+        list_control_points(&chain, &points);
+        if let Some(own) = &self.config.self_collision {
+            list_pairs(&chain, &SelfPairs::new(&chain, &points, &own.exempt));
+        }
+        Ok(())
+    }
+}
+
+/// How many spheres cover each link, and how large they are.
+fn list_control_points<const N: usize>(chain: &Chain<N>, points: &ControlPoints) {
+    for (index, (link, _)) in chain.moving_links().iter().enumerate() {
+        let radii = points.as_slice().iter().filter(|p| p.link == index).map(|p| p.radius);
+        let (count, least, most) = radii
+            .fold((0, f64::INFINITY, 0.0_f64), |(n, least, most), r| {
+                (n + 1, least.min(r), most.max(r))
+            });
+        let text = match count {
+            0 => format!("{link}: no collision shape, so it is not kept clear"),
+            1 => format!("{link}: 1 sphere of {:.0} mm covers it", most * 1e3),
+            _ => format!(
+                "{link}: {count} spheres of {:.0} to {:.0} mm cover it",
+                least * 1e3,
+                most * 1e3
+            ),
+        };
+        line("ok", "control points", &text);
+    }
+}
+
+/// Which links are kept clear of each other, and which are not.
+fn list_pairs<const N: usize>(chain: &Chain<N>, pairs: &SelfPairs) {
+    let name = |link: usize| chain.moving_links()[link].0.as_str();
+    let text = format!("{} pairs of spheres are kept apart", pairs.watched.len());
+    line("ok", "self-collision", &text);
+    for (one, other, why) in &pairs.ignored {
+        let why = match why {
+            Ignored::Adjacent => "neighbours",
+            Ignored::Touching => {
+                "they touch in nearly every posture: where they could collide, `robot.working_range` has to keep \
+                 the joints between them from it"
+            }
+            Ignored::Exempt => "exempt",
+        };
+        let text = format!("{} and {} are not watched: {why}", name(*one), name(*other));
+        line("ok", "self-collision", &text);
+    }
+}
+
+/// Tries on this thread what the loop would ask for, and looks at what it depends on.
+fn check_machine(config: &ControllerConfig) {
+    check_grants(&config.real_time);
+    let free = free_shared_memory_bytes();
+    if free >= SHARED_MEMORY_MIN_BYTES {
+        line("ok", "shared memory", &format!("{} MiB free in /dev/shm", free >> 20));
+    } else {
+        line(
+            "lack",
+            "shared memory",
+            &format!(
+                "{} KiB free in /dev/shm, {} MiB are needed: remove what fills it, or \
+                 `mount -o remount,size=64M /dev/shm`",
+                free >> 10,
+                SHARED_MEMORY_MIN_BYTES >> 20
+            ),
+        );
+    }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    if cores >= 2 {
+        line("ok", "cores", &format!("{cores} cores"));
+    } else {
+        line("lack", "cores", "1 core: controller and state publisher will wait for each other");
+    }
+    check_processor();
+    match std::fs::read_to_string("/sys/kernel/realtime") {
+        Ok(text) if text.trim() == "1" => line("ok", "kernel", "PREEMPT_RT"),
+        _ => line(
+            "lack",
+            "kernel",
+            "not PREEMPT_RT: wake-ups may be late by milliseconds under load; install a real-time \
+             kernel where deadlines are hard",
+        ),
+    }
+    match std::fs::read_to_string("/proc/sys/kernel/sched_rt_runtime_us").as_deref().map(str::trim)
+    {
+        Ok("-1") | Err(_) => line("ok", "throttling", "real-time threads are not throttled"),
+        Ok(runtime) => line(
+            "ok",
+            "throttling",
+            &format!(
+                "real-time threads may use {runtime} µs of each second's 1000000 µs: ample \
+                      for a loop that sleeps"
+            ),
+        ),
+    }
+}
+
+/// Asks for everything that a loop could want, whether this configuration wants it or not.
+fn check_grants(config: &RealTime) {
+    let wanted = RealTime {
+        fifo_priority: config.fifo_priority.or(Some(80)),
+        lock_memory: true,
+        cpu_latency_max_us: config.cpu_latency_max_us.or(Some(0)),
+        ..config.clone()
+    };
+    let granted = realtime::set_up(&wanted);
+    let core = wanted.cpu.map(|cpu| format!("the loop may be kept on core {cpu}"));
+    let priority = wanted.fifo_priority.unwrap_or_default();
+    for (grant, what, good) in [
+        (
+            Grant::FifoPriority,
+            "scheduling",
+            Some(format!("SCHED_FIFO priority {priority} is granted")),
+        ),
+        (Grant::Cpu, "core", core),
+        (Grant::LockMemory, "locked memory", Some("mlockall is granted".into())),
+        (
+            Grant::CpuLatency,
+            "core sleep",
+            Some("/dev/cpu_dma_latency may be held: cores do not sleep deeply".into()),
+        ),
+    ] {
+        let refusal = granted.refused.iter().find(|refusal| refusal.grant == grant);
+        let required = if config.required.contains(&grant) { "required, but " } else { "" };
+        match (refusal, good) {
+            (Some(refusal), _) => line("lack", what, &format!("{required}{refusal}")),
+            (None, Some(good)) => line("ok", what, &good),
+            (None, None) => {}
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+fn check_processor() {
+    let fast =
+        std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma");
+    if fast {
+        line("ok", "processor", "AVX2 and FMA");
+    } else {
+        line("lack", "processor", "no AVX2 or FMA: results are the same, a tick takes longer");
+    }
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn check_processor() {
+    line("ok", "processor", std::env::consts::ARCH);
+}

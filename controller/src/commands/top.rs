@@ -1,0 +1,191 @@
+//! `controller top`: how a running controller is doing, from another process. It reads the status
+//! that the controller publishes anyway; the controller waits for nobody who reads.
+
+use std::io::{self, Write};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use console::Term;
+use hdrhistogram::Histogram;
+use tprmp_messages::{ControllerStatus, Instance, LifeCycle, Reason, StatusPort};
+
+use crate::commands::monitor::describe;
+use crate::startup::StartError;
+
+/// Time between two pictures; the percentiles are those of the ticks in between.
+const REFRESH: Duration = Duration::from_millis(500);
+/// Pause between two looks for statuses: shorter than what a full buffer holds at 2 kHz.
+const LOOK: Duration = Duration::from_millis(50);
+/// A controller that says nothing for so long is not running.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Longest time the histograms tell apart \[ns\].
+const TIME_MAX_NS: u64 = 10_000_000_000;
+
+/// A time of a tick: its name and where it stands in the status.
+type Phase = (&'static str, fn(&ControllerStatus) -> u64);
+
+const PHASES: [Phase; 6] = [
+    ("wake-up", |s| s.wake_up_ns),
+    ("age of the state", |s| s.state_age_ns),
+    ("receiving", |s| s.receiving_ns),
+    ("evaluation", |s| s.evaluation_ns),
+    ("publishing", |s| s.publishing_ns),
+    ("tick", |s| s.receiving_ns + s.evaluation_ns + s.publishing_ns),
+];
+
+/// What was seen between two pictures.
+struct Window {
+    first: Option<ControllerStatus>,
+    last: Option<ControllerStatus>,
+    phases: [Histogram<u64>; PHASES.len()],
+}
+
+impl Window {
+    fn new() -> Self {
+        let histogram = |_| {
+            Histogram::new_with_bounds(1, TIME_MAX_NS, 3)
+                .expect("the bounds are constants that hdrhistogram accepts")
+        };
+        Self { first: None, last: None, phases: core::array::from_fn(histogram) }
+    }
+
+    fn add(&mut self, status: &ControllerStatus) {
+        self.first.get_or_insert(*status);
+        self.last = Some(*status);
+        for (histogram, (_, time)) in self.phases.iter_mut().zip(PHASES) {
+            histogram.saturating_record(time(status));
+        }
+    }
+
+    /// The picture, line by line.
+    fn lines(&self, instance: &str) -> Vec<String> {
+        let (Some(first), Some(last)) = (&self.first, &self.last) else { return Vec::new() };
+        let life_cycle = LifeCycle::from_wire(last.life_cycle).unwrap_or_default();
+        let reason = Reason::from_wire(last.reason).unwrap_or_default();
+        let seconds = last.time_ns.saturating_sub(first.time_ns) as f64 * 1e-9;
+        let rate = (last.ticks.saturating_sub(first.ticks)) as f64 / seconds;
+        let rate = if rate.is_finite() { format!("{rate:.0} Hz") } else { "–".into() };
+        let mut lines = vec![
+            format!("instance `{instance}`: {}", describe(life_cycle, reason)),
+            format!(
+                "ticks {} at {rate}, period {:.0} µs; {} deadlines missed, {} periods skipped",
+                last.ticks,
+                last.period_ns as f64 * 1e-3,
+                last.deadline_misses,
+                last.skipped_periods
+            ),
+            format!(
+                "allocations in the loop {}, peers connected {}",
+                last.allocations, last.connections
+            ),
+        ];
+        let goal = [last.goal_distance_m * 1e3, last.goal_angle_rad.to_degrees(), last.energy_j];
+        if goal.iter().all(|v| v.is_finite()) {
+            let [distance, angle, energy] = goal;
+            lines.push(format!("goal {distance:.1} mm and {angle:.1}° away, energy {energy:.4} J"));
+        }
+        lines.push(format!(
+            "{:<18}{:>10}{:>10}{:>10}{:>10}",
+            "time of a tick, µs", "last", "p50", "p99", "max"
+        ));
+        for (histogram, (name, time)) in self.phases.iter().zip(PHASES) {
+            let us = |ns: u64| ns as f64 * 1e-3;
+            lines.push(format!(
+                "{name:<18}{:>10.1}{:>10.1}{:>10.1}{:>10.1}",
+                us(time(last)),
+                us(histogram.value_at_quantile(0.5)),
+                us(histogram.value_at_quantile(0.99)),
+                us(histogram.max())
+            ));
+        }
+        lines
+    }
+}
+
+/// Takes what has been published in the meantime; `false` when nothing was.
+fn take(port: &StatusPort, window: &mut Window) -> bool {
+    let mut any = false;
+    while let Some(status) = port.status.receive() {
+        window.add(&status);
+        any = true;
+    }
+    any
+}
+
+/// Shows the controller of an instance, again and again or `once`, until it is no longer there.
+///
+/// # Errors
+/// When no controller publishes on this instance, or the terminal cannot be written.
+pub fn top(instance: &str, once: bool) -> Result<(), StartError> {
+    let port = Instance::new(instance)?.open_status()?;
+    let terminal = Term::stdout();
+    let mut window = Window::new();
+    let mut drawn = 0;
+    let (mut picture, mut heard) = (Instant::now(), Instant::now());
+    loop {
+        thread::sleep(LOOK);
+        if take(&port, &mut window) {
+            heard = Instant::now();
+        } else if heard.elapsed() > PATIENCE {
+            return Err(StartError::NoController(instance.into()));
+        }
+        if picture.elapsed() < REFRESH || window.last.is_none() {
+            continue;
+        }
+        let lines = window.lines(instance);
+        if draw(&terminal, drawn, &lines).is_err() {
+            // A reader that has gone away, as in `controller top … | head`, is no reason to fail.
+            return Ok(());
+        }
+        if once {
+            return Ok(());
+        }
+        drawn = lines.len();
+        window = Window::new();
+        picture = Instant::now();
+    }
+}
+
+/// Replaces the picture drawn before; where the output is no terminal, writes one below the other.
+fn draw(terminal: &Term, drawn: usize, lines: &[String]) -> io::Result<()> {
+    if terminal.is_term() {
+        terminal.clear_last_lines(drawn)?;
+    }
+    let mut terminal = terminal;
+    writeln!(terminal, "{}", lines.join("\n"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_tells_state_rate_counters_and_times() {
+        let mut window = Window::new();
+        for tick in 1..=101_u64 {
+            window.add(&ControllerStatus {
+                time_ns: tick * 1_000_000,
+                life_cycle: LifeCycle::Holding.to_wire(),
+                reason: Reason::FramesStale.to_wire(),
+                ticks: tick,
+                deadline_misses: 3,
+                period_ns: 1_000_000,
+                connections: 2,
+                receiving_ns: 1_000,
+                evaluation_ns: tick * 1_000,
+                publishing_ns: 2_000,
+                goal_distance_m: 0.25,
+                ..Default::default()
+            });
+        }
+        let lines = window.lines("demo");
+        assert_eq!(lines[0], "instance `demo`: holding still: no new frames arrive");
+        assert!(lines[1].starts_with("ticks 101 at 1000 Hz, period 1000 µs; 3 deadlines missed"));
+        assert_eq!(lines[2], "allocations in the loop 0, peers connected 2");
+        assert_eq!(lines[3], "goal 250.0 mm and 0.0° away, energy 0.0000 J");
+        let evaluation: Vec<&str> = lines[8].split_whitespace().collect();
+        assert_eq!(evaluation[..3], ["evaluation", "101.0", "51.0"], "{}", lines[8]);
+        let tick: Vec<&str> = lines[10].split_whitespace().collect();
+        assert_eq!(tick[..2], ["tick", "104.0"], "{}", lines[10]);
+    }
+}

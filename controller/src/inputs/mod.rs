@@ -1,0 +1,387 @@
+//! Checks of what arrives: nothing unchecked goes further.
+
+pub mod external;
+
+use glam::{DQuat, DVec3};
+use nalgebra::SVector;
+use tprmp_messages::{
+    Frame, NAME_CAPACITY, OBSTACLE_CAPACITY, ObstacleKind, Reason, RobotState, TaskFrames,
+};
+use tprmp_model::controller_config::FrameObserver;
+use tprmp_rmpflow::leaves::{Obstacle, Shape};
+use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
+use tprmp_rmpflow::policy::thesis::product_skill::FRAME_CAPACITY;
+use tprmp_robot::Chain;
+
+/// How far a quaternion's length may be from one.
+const QUATERNION_TOLERANCE: f64 = 1e-3;
+
+/// A checked state of the robot.
+#[derive(Debug, Clone, Copy)]
+pub struct JointState<const N: usize> {
+    /// q \[rad or m\].
+    pub position: SVector<f64, N>,
+    /// q̇ \[rad/s or m/s\].
+    pub velocity: SVector<f64, N>,
+}
+
+/// A measured speed beyond this multiple of the joint's limit is not believed.
+const SPEED_MULTIPLE_MAX: f64 = 2.0;
+
+/// Checks a state: number of joints, finite numbers, believable speeds.
+///
+/// # Errors
+/// The reason for which it is no measurement.
+pub fn check_state<const N: usize>(
+    state: &RobotState,
+    chain: &Chain<N>,
+) -> Result<JointState<N>, Reason> {
+    if state.joint_count as usize != N {
+        return Err(Reason::JointCount);
+    }
+    let parts = [&state.position[..N], &state.velocity[..N], &state.torque[..N]];
+    if !parts.into_iter().flatten().all(|v| v.is_finite()) {
+        return Err(Reason::StateNotFinite);
+    }
+    let position = SVector::<f64, N>::from_column_slice(&state.position[..N]);
+    let velocity = SVector::<f64, N>::from_column_slice(&state.velocity[..N]);
+    let unbelievable = |i: usize| velocity[i].abs() > SPEED_MULTIPLE_MAX * chain.velocity_max()[i];
+    if (0..N).any(unbelievable) {
+        return Err(Reason::StateUnbelievable);
+    }
+    Ok(JointState { position, velocity })
+}
+
+/// A change of position beyond what the believable speeds allow is a jump from here on [rad or m].
+const JUMP_MIN: f64 = 0.05;
+
+/// Whether a joint has moved farther in `elapsed_s` \[s\] than its believable speed allows.
+#[must_use]
+pub fn jumps<const N: usize>(
+    before: &JointState<N>,
+    now: &JointState<N>,
+    elapsed_s: f64,
+    chain: &Chain<N>,
+) -> bool {
+    (0..N).any(|i| {
+        let most = SPEED_MULTIPLE_MAX * chain.velocity_max()[i] * elapsed_s + JUMP_MIN;
+        (now.position[i] - before.position[i]).abs() > most
+    })
+}
+
+/// Whether every joint is within the robot's position limits.
+#[must_use]
+pub fn within_position_limits<const N: usize>(state: &JointState<N>, chain: &Chain<N>) -> bool {
+    (0..N).all(|i| {
+        let q = state.position[i];
+        q >= chain.position_lower()[i] && q <= chain.position_upper()[i]
+    })
+}
+
+/// The frames a skill needs and the obstacles, checked, in fixed storage.
+#[derive(Debug)]
+pub struct Scene {
+    names: Vec<[u8; NAME_CAPACITY]>,
+    /// In the order of the names.
+    frames: Vec<FrameMotion>,
+    goal_frame: usize,
+    obstacles: [Obstacle; OBSTACLE_CAPACITY],
+    obstacle_count: usize,
+    time_ns: Option<u64>,
+}
+
+impl Scene {
+    /// A scene of these frames, not yet seen; `goal_frame` tells which of them the goal is fixed to.
+    ///
+    /// # Panics
+    /// When there are more than [`FRAME_CAPACITY`] frames, or the goal's is none of them.
+    #[must_use]
+    pub fn new(names: Vec<[u8; NAME_CAPACITY]>, goal_frame: usize) -> Self {
+        assert!(names.len() <= FRAME_CAPACITY && goal_frame < names.len(), "frames of a model");
+        let nothing = Obstacle::sphere(DVec3::NAN, 0.0, DVec3::ZERO);
+        Self {
+            frames: vec![FrameMotion::at_rest(Pose::IDENTITY); names.len()],
+            names,
+            goal_frame,
+            obstacles: [nothing; OBSTACLE_CAPACITY],
+            obstacle_count: 0,
+            time_ns: None,
+        }
+    }
+
+    /// The skill's frames, in its order.
+    #[must_use]
+    pub fn frames(&self) -> &[FrameMotion] {
+        &self.frames
+    }
+
+    /// Which of them the goal is fixed to.
+    #[must_use]
+    pub fn goal_frame(&self) -> usize {
+        self.goal_frame
+    }
+
+    /// The obstacles.
+    #[must_use]
+    pub fn obstacles(&self) -> &[Obstacle] {
+        &self.obstacles[..self.obstacle_count]
+    }
+
+    /// Takes in a message, all of it or nothing.
+    ///
+    /// # Errors
+    /// The reason for which the arm has to stop; the scene is as it was.
+    pub fn update(&mut self, message: &TaskFrames, observer: &FrameObserver) -> Result<(), Reason> {
+        let frames =
+            message.frames.get(..message.frame_count as usize).ok_or(Reason::FrameMissing)?;
+        let find = |name: &[u8; NAME_CAPACITY]| {
+            let frame = frames.iter().find(|f| f.name == *name && f.valid == 1);
+            frame.ok_or(Reason::FrameMissing).and_then(check_frame)
+        };
+        // Also of frames that the skill does not need: a number that is none makes all others doubtful.
+        for frame in frames.iter().filter(|f| f.valid == 1) {
+            check_frame(frame)?;
+        }
+        let mut seen = [FrameMotion::at_rest(Pose::IDENTITY); FRAME_CAPACITY];
+        for (frame, name) in seen.iter_mut().zip(&self.names) {
+            *frame = find(name)?;
+        }
+        let given = message
+            .obstacles
+            .get(..message.obstacle_count as usize)
+            .ok_or(Reason::ObstacleUnknown)?;
+        let mut obstacles = self.obstacles;
+        let mut count = 0;
+        for obstacle in given.iter().filter(|o| o.valid != 0) {
+            obstacles[count] = check_obstacle(obstacle)?;
+            count += 1;
+        }
+        let elapsed_s = self.time_ns.map(|last| message.time_ns.saturating_sub(last) as f64 * 1e-9);
+        for (frame, now) in self.frames.iter_mut().zip(&seen) {
+            *frame = observed(frame, now, elapsed_s, observer);
+        }
+        self.obstacles = obstacles;
+        self.obstacle_count = count;
+        self.time_ns = Some(message.time_ns);
+        Ok(())
+    }
+}
+
+/// A frame whose acceleration is smaller has none [m/s² or rad/s²].
+const ACCELERATION_REST: f64 = 1e-9;
+
+/// The frame as it is now, with an acceleration of limited size: the filtered derivative of its
+/// velocity.
+fn observed(
+    last: &FrameMotion,
+    now: &FrameMotion,
+    elapsed_s: Option<f64>,
+    observer: &FrameObserver,
+) -> FrameMotion {
+    let (mut linear, mut angular) = (DVec3::ZERO, DVec3::ZERO);
+    if let Some(elapsed_s) = elapsed_s {
+        linear = last.linear_acceleration;
+        angular = last.angular_acceleration;
+        if elapsed_s > 0.0 {
+            let share = elapsed_s / (elapsed_s + observer.time_constant_s);
+            let rate = (now.linear_velocity - last.linear_velocity) / elapsed_s;
+            linear += (rate - linear) * share;
+            let rate = (now.angular_velocity - last.angular_velocity) / elapsed_s;
+            angular += (rate - angular) * share;
+        }
+    }
+    // Velocities at the edge of what a number holds must not stay in the filter.
+    if !(linear.is_finite() && angular.is_finite()) {
+        (linear, angular) = (DVec3::ZERO, DVec3::ZERO);
+    }
+    // A frame that comes to rest would leave ever smaller numbers, at last subnormal ones, with which
+    // processors are slow.
+    let rest = |a: DVec3| if a.length() < ACCELERATION_REST { DVec3::ZERO } else { a };
+    let (linear_max, angular_max) =
+        (observer.linear_acceleration_max_m_s2, observer.angular_acceleration_max_rad_s2);
+    FrameMotion {
+        linear_acceleration: rest(linear.clamp_length_max(linear_max)),
+        angular_acceleration: rest(angular.clamp_length_max(angular_max)),
+        ..*now
+    }
+}
+
+fn finite<const K: usize>(values: [f64; K]) -> Result<[f64; K], Reason> {
+    if values.iter().all(|v| v.is_finite()) { Ok(values) } else { Err(Reason::FrameNotFinite) }
+}
+
+fn check_quaternion(wxyz: [f64; 4]) -> Result<DQuat, Reason> {
+    let [w, x, y, z] = finite(wxyz)?;
+    let q = DQuat::from_xyzw(x, y, z, w);
+    if (q.length() - 1.0).abs() > QUATERNION_TOLERANCE {
+        return Err(Reason::QuaternionNotUnit);
+    }
+    Ok(q.normalize())
+}
+
+fn check_frame(frame: &Frame) -> Result<FrameMotion, Reason> {
+    Ok(FrameMotion {
+        linear_velocity: finite(frame.linear_velocity)?.into(),
+        angular_velocity: finite(frame.angular_velocity)?.into(),
+        ..FrameMotion::at_rest(Pose {
+            position: finite(frame.position)?.into(),
+            orientation: check_quaternion(frame.quaternion)?,
+        })
+    })
+}
+
+fn check_obstacle(obstacle: &tprmp_messages::Obstacle) -> Result<Obstacle, Reason> {
+    if obstacle.valid != 1 {
+        return Err(Reason::ObstacleUnknown);
+    }
+    finite(obstacle.quaternion)?;
+    let [x, y, z] = finite(obstacle.size)?;
+    let shape = match ObstacleKind::from_wire(obstacle.kind) {
+        Some(ObstacleKind::Sphere) if x >= 0.0 => Shape::Sphere { radius: x },
+        Some(ObstacleKind::Capsule) if x >= 0.0 && y >= 0.0 => {
+            Shape::Capsule { radius: x, half_length: 0.5 * y }
+        }
+        Some(ObstacleKind::Box) if x >= 0.0 && y >= 0.0 && z >= 0.0 => {
+            Shape::Box { half_size: 0.5 * DVec3::new(x, y, z) }
+        }
+        Some(ObstacleKind::HalfSpace) => Shape::HalfSpace,
+        _ => return Err(Reason::ObstacleUnknown),
+    };
+    // A ball looks the same from all sides: its orientation may be left out.
+    let orientation = match shape {
+        Shape::Sphere { .. } => DQuat::IDENTITY,
+        _ => check_quaternion(obstacle.quaternion)?,
+    };
+    let spin = DVec3::from(finite(obstacle.angular_velocity)?);
+    Ok(Obstacle {
+        shape,
+        position: finite(obstacle.position)?.into(),
+        orientation,
+        velocity: finite(obstacle.linear_velocity)?.into(),
+        angular_velocity: if matches!(shape, Shape::Sphere { .. }) { DVec3::ZERO } else { spin },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tprmp_messages::name_bytes;
+
+    const OBSERVER: FrameObserver = FrameObserver {
+        time_constant_s: 0.02,
+        linear_acceleration_max_m_s2: 30.0,
+        angular_acceleration_max_rad_s2: 60.0,
+    };
+
+    fn message() -> TaskFrames {
+        let frame = |name: &str| Frame {
+            name: name_bytes(name).unwrap(),
+            valid: 1,
+            quaternion: [1.0, 0.0, 0.0, 0.0],
+            ..Default::default()
+        };
+        let mut message =
+            TaskFrames { frame_count: 2, obstacle_count: 1, time_ns: 1, ..Default::default() };
+        message.frames[0] = frame("start");
+        message.frames[1] = frame("end");
+        message.obstacles[0] = tprmp_messages::Obstacle {
+            valid: 1,
+            quaternion: [1.0, 0.0, 0.0, 0.0],
+            size: [0.06, 0.0, 0.0],
+            ..Default::default()
+        };
+        message
+    }
+
+    fn cuboid(message: &mut TaskFrames) -> &mut tprmp_messages::Obstacle {
+        let obstacle = &mut message.obstacles[0];
+        obstacle.kind = ObstacleKind::Box.to_wire();
+        obstacle.size = [0.1, 0.2, 0.3];
+        obstacle
+    }
+
+    #[test]
+    fn every_kind_of_obstacle_is_read_with_its_size_and_motion() {
+        let mut scene = scene();
+        let mut message = message();
+        message.obstacle_count = 3;
+        message.obstacles[1] = message.obstacles[0];
+        message.obstacles[1].kind = ObstacleKind::Capsule.to_wire();
+        message.obstacles[1].size = [0.05, 0.4, 0.0];
+        message.obstacles[1].angular_velocity = [0.0, 1.0, 0.0];
+        message.obstacles[2] = *cuboid(&mut message.clone());
+        message.obstacles[2].linear_velocity = [0.1, 0.0, 0.0];
+        scene.update(&message, &OBSERVER).unwrap();
+        let [ball, capsule, cuboid] = scene.obstacles() else { panic!("three obstacles") };
+        assert_eq!(ball.shape, Shape::Sphere { radius: 0.06 });
+        assert_eq!(capsule.shape, Shape::Capsule { radius: 0.05, half_length: 0.2 });
+        assert_eq!(capsule.angular_velocity, DVec3::Y);
+        assert_eq!(cuboid.shape, Shape::Box { half_size: DVec3::new(0.05, 0.1, 0.15) });
+        assert_eq!(cuboid.velocity, DVec3::X * 0.1);
+    }
+
+    fn scene() -> Scene {
+        Scene::new(["start", "end"].map(|name| name_bytes(name).unwrap()).to_vec(), 1)
+    }
+
+    #[test]
+    fn every_defect_has_its_reason_and_changes_nothing() {
+        type Edit = fn(&mut TaskFrames);
+        let cases: [(Edit, Reason); 16] = [
+            (|m| m.obstacles[0].valid = 255, Reason::ObstacleUnknown),
+            (|m| m.frames[1].valid = 0, Reason::FrameMissing),
+            (|m| m.frame_count = 1, Reason::FrameMissing),
+            (|m| m.frame_count = 99, Reason::FrameMissing),
+            (|m| m.frames[0].name[0] = b'x', Reason::FrameMissing),
+            (|m| m.frames[0].position[2] = f64::NAN, Reason::FrameNotFinite),
+            (|m| m.frames[1].angular_velocity[0] = f64::INFINITY, Reason::FrameNotFinite),
+            (|m| m.frames[1].quaternion = [1.1, 0.0, 0.0, 0.0], Reason::QuaternionNotUnit),
+            (|m| m.obstacle_count = 99, Reason::ObstacleUnknown),
+            (|m| m.obstacles[0].kind = 7, Reason::ObstacleUnknown),
+            (|m| m.obstacles[0].size[0] = -1.0, Reason::ObstacleUnknown),
+            (|m| m.obstacles[0].linear_velocity[1] = f64::NAN, Reason::FrameNotFinite),
+            (|m| m.obstacles[0].angular_velocity[1] = f64::NAN, Reason::FrameNotFinite),
+            (|m| cuboid(m).size[2] = -0.1, Reason::ObstacleUnknown),
+            (|m| cuboid(m).quaternion[0] = 0.9, Reason::QuaternionNotUnit),
+            (|m| cuboid(m).size[1] = f64::INFINITY, Reason::FrameNotFinite),
+        ];
+        for (i, (edit, reason)) in cases.into_iter().enumerate() {
+            let mut scene = scene();
+            scene.update(&message(), &OBSERVER).unwrap();
+            let mut bad = message();
+            bad.frames[0].position[0] = 9.0;
+            edit(&mut bad);
+            assert_eq!(scene.update(&bad, &OBSERVER), Err(reason), "case {i}");
+            assert_eq!(scene.frames()[0].pose.position.x, 0.0, "case {i}");
+            assert_eq!(scene.obstacles().len(), 1, "case {i}");
+        }
+    }
+
+    #[test]
+    fn the_observer_finds_the_acceleration_of_a_circle_and_believes_no_jump() {
+        let mut scene = scene();
+        let mut message = message();
+        let (radius, omega) = (0.15, 0.94);
+        for step in 0..2000_u32 {
+            let t = f64::from(step) * 0.002;
+            message.time_ns = 1 + u64::from(step) * 2_000_000;
+            let (s, c) = (omega * t).sin_cos();
+            message.frames[1].linear_velocity = [-s * radius * omega, c * radius * omega, 0.0];
+            scene.update(&message, &OBSERVER).unwrap();
+            if step > 100 {
+                let exact = DVec3::new(-c, -s, 0.0) * (radius * omega * omega);
+                let error = (scene.frames()[1].linear_acceleration - exact).length();
+                assert!(error < 0.03 * exact.length(), "{error}");
+            }
+        }
+        for _ in 0..2000 {
+            message.time_ns += 2_000_000;
+            scene.update(&message, &OBSERVER).unwrap();
+        }
+        assert_eq!(scene.frames()[1].linear_acceleration, DVec3::ZERO, "at a constant velocity");
+        message.time_ns += 2_000_000;
+        message.frames[1].linear_velocity = [1e6, 0.0, 0.0];
+        scene.update(&message, &OBSERVER).unwrap();
+        assert!(scene.frames()[1].linear_acceleration.length() < 30.0 + 1e-9);
+    }
+}

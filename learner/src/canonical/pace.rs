@@ -1,0 +1,86 @@
+//! How the phase runs from 0 to 1 while a demonstration is shown.
+//!
+//! The policy moves its phase by a potential and the damping d (see `tprmp_rmpflow::policy::canonical::field`), from
+//! rest: so the phase of the demonstrations is the solution of
+//!
+//! ```text
+//! s̈ = f(s) − d ṡ     f(s) = d v tanh((1 − s)/w)     w = 4v/d     s(0) = ṡ(0) = 0
+//! ```
+//!
+//! a constant pull on the way, and a spring without overshoot at the goal (f′(1) = −d²/4). A potential
+//! with this slope reproduces it without a lag. A pace that suits the eye, such as one that rises like
+//! t³, has no such potential: where s̈ + d ṡ is no smooth function of s, each error at the start grows.
+//!
+//! v is such that the phase ends, after the duration, where all but a share of w is left; that is then
+//! called 1.
+
+/// What is left of w when the demonstrations end.
+const LEFT: f64 = 0.2;
+/// Steps of the table, and of the integration.
+const STEPS: usize = 4000;
+/// Halvings in the search of v.
+const HALVINGS: usize = 60;
+
+/// The phase as a function of the share of a duration.
+#[derive(Clone, Debug)]
+pub struct Pace {
+    /// At equal steps of the share: the phase and its first two derivatives by the share.
+    table: Vec<[f64; 3]>,
+}
+
+impl Pace {
+    /// The phase is the share.
+    #[must_use]
+    pub fn even() -> Self {
+        Self { table: vec![[0.0, 1.0, 0.0], [1.0, 1.0, 0.0]] }
+    }
+
+    /// The pace of a policy with this damping in demonstrations of this duration.
+    ///
+    /// * `duration_s`     above 0
+    /// * `damping_1_s`    d, above 0
+    #[must_use]
+    pub fn damped(duration_s: f64, damping_1_s: f64) -> Self {
+        let d = damping_1_s * duration_s;
+        // The speed that arrives in time, per duration: a larger one leaves less.
+        let (mut low, mut high) = (0.0, 1e3 * (1.0 + 1.0 / d));
+        for _ in 0..HALVINGS {
+            let v = 0.5 * (low + high);
+            let end = integrate(v, d).last().map_or(0.0, |end| end[0]);
+            if 1.0 - end > LEFT * 4.0 * v / d { low = v } else { high = v }
+        }
+        let mut table = integrate(high, d);
+        let end = table[STEPS][0];
+        table.iter_mut().flatten().for_each(|entry| *entry /= end);
+        Self { table }
+    }
+
+    /// The phase at a share of the duration, and its first two derivatives by the share.
+    ///
+    /// * `share`  0 to 1
+    #[must_use]
+    pub fn at(&self, share: f64) -> [f64; 3] {
+        let last = self.table.len() - 1;
+        let place = share.clamp(0.0, 1.0) * last as f64;
+        let i = (place as usize).min(last - 1);
+        let (a, b, t) = (self.table[i], self.table[i + 1], place - i as f64);
+        [0, 1, 2].map(|k| a[k] + t * (b[k] - a[k]))
+    }
+}
+
+/// Phase and derivatives at equal steps of the share, by the midpoint rule.
+fn integrate(v: f64, d: f64) -> Vec<[f64; 3]> {
+    let bend = |s: f64, rate: f64| d * (v * ((1.0 - s) * d / (4.0 * v)).tanh() - rate);
+    let h = 1.0 / STEPS as f64;
+    let (mut s, mut rate) = (0.0, 0.0);
+    let mut table = Vec::with_capacity(STEPS + 1);
+    for _ in 0..STEPS {
+        let acceleration = bend(s, rate);
+        table.push([s, rate, acceleration]);
+        let (s_mid, rate_mid) = (s + 0.5 * h * rate, rate + 0.5 * h * acceleration);
+        s += h * rate_mid;
+        rate += h * bend(s_mid, rate_mid);
+    }
+    table.push([s, rate, bend(s, rate)]);
+    table
+}

@@ -1,0 +1,235 @@
+//! What the field is asked for: accelerations on and beside the demonstrations, and descent along
+//! them everywhere around.
+
+use nalgebra::SVector;
+use rand::Rng;
+
+use crate::fit::basis::axis;
+use crate::skill::FieldSettings;
+
+/// A demonstration of one block in normalised coordinates ẑ: ŷ, and last the phase times its length.
+#[derive(Clone, Debug)]
+pub struct BlockPath<const N: usize> {
+    /// Points [ŷ].
+    pub points: Vec<SVector<f64, N>>,
+    /// Velocities [ŷ/s].
+    pub velocities: Vec<SVector<f64, N>>,
+    /// Accelerations [ŷ/s²].
+    pub accelerations: Vec<SVector<f64, N>>,
+}
+
+/// The field is asked for this acceleration at this point and velocity.
+#[derive(Clone, Copy, Debug)]
+pub struct Target<const N: usize> {
+    /// Point [ŷ].
+    pub point: SVector<f64, N>,
+    /// Velocity [ŷ/s].
+    pub velocity: SVector<f64, N>,
+    /// Acceleration [ŷ/s²].
+    pub acceleration: SVector<f64, N>,
+    /// Weight; those of the demonstrations sum to one.
+    pub weight: f64,
+}
+
+/// The field is asked to descend at this point in this direction.
+#[derive(Clone, Copy, Debug)]
+pub struct Descent<const N: usize> {
+    /// Point [ŷ].
+    pub point: SVector<f64, N>,
+    /// Unit direction.
+    pub direction: SVector<f64, N>,
+    /// Share of the demanded speed, which falls towards the goal.
+    pub share: f64,
+}
+
+/// Fewest samples of a demonstration that a stride leaves, so that sparsely sampled
+/// demonstrations count as well.
+const SAMPLES_MIN: usize = 10;
+/// Points nearer to the goal have no direction to it [ŷ].
+const AT_GOAL: f64 = 1e-6;
+/// Random points nearer to the goal are left to the Hessian [ŷ].
+const GOAL_DISTANCE_MIN: f64 = 0.02;
+/// A tube point is dropped when another part of the path is nearer than this share of its offset.
+const TUBE_CLEARANCE: f64 = 0.75;
+
+/// A point and a velocity of a demonstration.
+type Sample<const N: usize> = (SVector<f64, N>, SVector<f64, N>);
+
+impl<const N: usize> BlockPath<N> {
+    /// Every so many samples, from the first on.
+    fn every(&self, stride: usize) -> impl Iterator<Item = Sample<N>> + '_ {
+        let stride = stride.min((self.points.len() / SAMPLES_MIN).max(1));
+        self.points.iter().copied().zip(self.velocities.iter().copied()).step_by(stride)
+    }
+}
+
+/// Samples of the demonstrations, and of the tube beside them, from which the field leads back.
+#[must_use]
+pub fn targets<const N: usize>(paths: &[BlockPath<N>], settings: &FieldSettings) -> Vec<Target<N>> {
+    let shown: Vec<_> = sparse_samples(paths, settings);
+    let mut targets = Vec::new();
+    for path in paths {
+        let weight = 1.0 / (path.points.len() * paths.len()) as f64;
+        for ((point, velocity), acceleration) in
+            path.points.iter().zip(&path.velocities).zip(&path.accelerations)
+        {
+            targets.push(Target {
+                point: *point,
+                velocity: *velocity,
+                acceleration: *acceleration,
+                weight,
+            });
+        }
+        let tube: Vec<_> = path.every(settings.tube_stride).collect();
+        let count = tube.len() * paths.len() * 2 * (N - 1) * settings.tube_offsets.len();
+        let weight = settings.tube_weight / count as f64;
+        for (point, velocity) in tube {
+            if velocity.norm() <= settings.tube_speed_min {
+                continue;
+            }
+            for normal in normals(&velocity) {
+                for offset in &settings.tube_offsets {
+                    let beside = point + normal * *offset;
+                    let nearest = shown
+                        .iter()
+                        .map(|(p, _)| (p - beside).norm())
+                        .fold(f64::INFINITY, f64::min);
+                    if nearest > TUBE_CLEARANCE * offset {
+                        targets.push(Target {
+                            point: beside,
+                            velocity: velocity - normal * (settings.tube_attraction_1_s * offset),
+                            acceleration: SVector::zeros(),
+                            weight,
+                        });
+                    }
+                }
+            }
+        }
+    }
+    targets
+}
+
+fn sparse_samples<const N: usize>(
+    paths: &[BlockPath<N>],
+    settings: &FieldSettings,
+) -> Vec<Sample<N>> {
+    paths.iter().flat_map(|path| path.every(settings.descent_stride)).collect()
+}
+
+/// Unit vectors across a velocity, a pair for each dimension but one.
+fn normals<const N: usize>(velocity: &SVector<f64, N>) -> Vec<SVector<f64, N>> {
+    let along = velocity.normalize();
+    let mut across: Vec<SVector<f64, N>> = Vec::with_capacity(2 * (N - 1));
+    // Gram–Schmidt, each time from the axis that lies best across what there is: never degenerate,
+    // whichever way the demonstration runs.
+    while across.len() < 2 * (N - 1) {
+        let best = (0..N)
+            .map(|index| {
+                let unit = axis::<N>(index, 1.0);
+                let mut rest = unit - along * along.dot(&unit);
+                for n in across.iter().step_by(2) {
+                    rest -= n * n.dot(&unit);
+                }
+                rest
+            })
+            .reduce(|a, b| if b.norm() > a.norm() + 1e-12 { b } else { a })
+            .expect("there is at least one axis");
+        let normal = best.normalize();
+        across.push(normal);
+        across.push(-normal);
+    }
+    across
+}
+
+/// Knows in which direction the field must descend at any point.
+#[derive(Clone, Debug)]
+pub struct Guide<'a, const N: usize> {
+    shown: Vec<Sample<N>>,
+    goal: SVector<f64, N>,
+    settings: &'a FieldSettings,
+}
+
+impl<'a, const N: usize> Guide<'a, N> {
+    /// A guide along these demonstrations.
+    #[must_use]
+    pub fn new(
+        paths: &[BlockPath<N>],
+        goal: &SVector<f64, N>,
+        settings: &'a FieldSettings,
+    ) -> Self {
+        Self { shown: sparse_samples(paths, settings), goal: *goal, settings }
+    }
+
+    /// Where descent is demanded: seeded random points around the demonstrations, and samples of
+    /// them.
+    pub fn descents(&self, random: &mut impl Rng) -> Vec<Descent<N>> {
+        let settings = self.settings;
+        let mut points = Vec::new();
+        for _ in 0..settings.descent_points_random {
+            let (mut point, _) = self.shown[random.random_range(0..self.shown.len())];
+            for i in 0..N {
+                let last = i == N - 1;
+                let radius =
+                    if last { settings.descent_phase_radius } else { settings.descent_radius };
+                point[i] += radius * random.random_range(-1.0..1.0);
+            }
+            points.push(point);
+        }
+        points.retain(|z| (z - self.goal).norm() > GOAL_DISTANCE_MIN);
+        points.extend(self.shown.iter().map(|(point, _)| *point));
+        points.retain(|z| (z - self.goal).norm() > AT_GOAL);
+        points.into_iter().map(|point| self.descent(point)).collect()
+    }
+
+    /// The demonstrated direction of the nearest sample, bent towards it, and near the goal
+    /// towards the goal.
+    #[must_use]
+    pub fn descent(&self, point: SVector<f64, N>) -> Descent<N> {
+        let settings = self.settings;
+        let (near_point, near_velocity) = self
+            .shown
+            .iter()
+            .min_by(|a, b| (a.0 - point).norm_squared().total_cmp(&(b.0 - point).norm_squared()))
+            .expect("there are demonstrations");
+        let to_goal = self.goal - point;
+        let distance = to_goal.norm();
+        let goal_direction = to_goal / distance;
+        let speed = near_velocity.norm();
+        // A sample at rest shows no direction: its noise must not become one.
+        let forward =
+            if speed > settings.tube_speed_min { near_velocity / speed } else { goal_direction };
+        let bent = forward + (near_point - point) / settings.descent_attraction;
+        let bent = bent.try_normalize(1e-9).unwrap_or(goal_direction);
+        let near = (-(distance / settings.descent_goal_radius).powi(2)).exp();
+        let direction = bent * (1.0 - near) + goal_direction * near;
+        Descent {
+            point,
+            direction: direction.try_normalize(1e-9).unwrap_or(goal_direction),
+            share: (distance / settings.descent_slowdown).min(1.0),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn normals_stand_across_the_velocity_and_each_other() {
+        for velocity in [
+            Vector3::z() * -0.3,
+            Vector3::x(),
+            Vector3::new(1.0, 1.0, 1.0),
+            Vector3::new(0.1, -2.0, 0.5),
+        ] {
+            let across = normals(&velocity);
+            assert_eq!(across.len(), 4);
+            for n in &across {
+                assert!((n.norm() - 1.0).abs() < 1e-14 && n.dot(&velocity).abs() < 1e-14);
+            }
+            assert!(across[0].dot(&across[2]).abs() < 1e-14);
+            assert_eq!(across[0], -across[1]);
+        }
+    }
+}

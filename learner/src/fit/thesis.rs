@@ -1,0 +1,367 @@
+//! Fits the thesis' policy on the products of the frames' Gaussians  [thesis section 4.2.4, 4.2.6].
+//!
+//! **Potential.** Its natural gradient follows the demonstrated direction of motion:
+//!
+//! ```text
+//! minimise    Σ_i Σ_t ‖ζ̂_it + M_i⁻¹ ∇Φ_i(ζ_it)‖          [thesis eq. 4.15]
+//! subject to  0 = φ⁰_K ≤ φ⁰_{k+1} ≤ φ⁰_k                   [thesis eq. 4.16]
+//! ```
+//!
+//! ζ̂ is the unit vector of the velocity. ∇Φ is affine in φ⁰, and a sum of norms that are not squared
+//! is a second-order cone program, not a quadratic one. Φ is determined up to a constant; φ⁰_K = 0
+//! fixes it, and with it the energy below.
+//!
+//! **Damping.** The energy that it dissipates along a demonstration, D_it = Σ_{s<t} ẋᵀB(d)ẋ Δt, is
+//! the energy that the demonstration loses:
+//!
+//! ```text
+//! minimise    Σ_i |H_i − D_iT|                               [thesis eq. 4.20], or
+//!             Σ_i 1/T Σ_t |H_i1 − H_it − D_it|               the whole profile
+//! subject to  ε ≤ d_1,  d_k ≤ d_{k+1}                        [thesis eq. 4.21]
+//! ```
+//!
+//! with H = ½ẋᵀMẋ + Φ. The first has as many equations as demonstrations for K unknowns; of its many
+//! solutions an interior-point method ends in the middle, as the published ones do.
+
+use glam::DVec3;
+use nalgebra::{Cholesky, DMatrix, SVector};
+use rayon::prelude::*;
+use tprmp_model::skill_model::{
+    ActiveConstraints, FrameMixture, Manifold, Policy, ProgramFit, ThesisModel, product_skill,
+};
+use tprmp_rmpflow::policy::canonical::frame_map::FrameMotion;
+use tprmp_rmpflow::policy::thesis::gaussian_field::GaussianField;
+use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
+use tprmp_rmpflow::rotation::rotation_vector;
+
+use crate::canonical::CanonicalSet;
+use crate::canonical::savitzky_golay::smooth;
+use crate::demonstration::Demonstration;
+use crate::error::LearnerError;
+use crate::fit::conic::{Affine, ConicProgram, Solution};
+use crate::mixture::tp_gmm::frames;
+use crate::skill::{DampingTarget, Skill, ThesisSettings};
+
+/// A slower sample shows no direction: share of the demonstration's largest speed.
+const SPEED_SHARE_MIN: f64 = 0.02;
+/// Neighbours that differ by less than this share of the largest value are equal.
+const ACTIVE: f64 = 1e-4;
+/// Names of the programs.
+const POTENTIAL: &str = "potential";
+const DAMPING: &str = "damping";
+
+/// A sample of a demonstration in the chart of its field.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample<const D: usize> {
+    /// ζ [m, rad].
+    pub point: SVector<f64, D>,
+    /// ζ̇ [m/s, rad/s].
+    pub velocity: SVector<f64, D>,
+    /// Time until the next sample [s].
+    pub step_s: f64,
+}
+
+/// A demonstration, and the field of the products with its frames.
+#[derive(Clone, Debug)]
+pub struct Shown<const D: usize> {
+    /// Its samples, in order.
+    pub samples: Vec<Sample<D>>,
+    /// The field.
+    pub field: GaussianField<D>,
+}
+
+/// Potential and damping of a mixture of `components` that nothing was fitted to.
+#[must_use]
+pub fn unfitted(settings: &ThesisSettings, components: usize) -> ThesisModel {
+    ThesisModel {
+        metric_scale: settings.metric_scale,
+        huber_threshold: settings.huber_threshold,
+        potentials: vec![0.0; components],
+        damping: vec![settings.damping_min; components],
+    }
+}
+
+/// Fits potential and damping to the learned mixture of each frame.
+///
+/// # Errors
+/// [`LearnerError`]: the Gaussians of the frames cannot be multiplied, or a program is not solved.
+pub fn fit(
+    mixture: &[FrameMixture],
+    skill: &Skill,
+    settings: &ThesisSettings,
+    demonstrations: &[Demonstration],
+    set: &CanonicalSet,
+) -> Result<(Policy, Vec<ProgramFit>), LearnerError> {
+    match skill.manifold {
+        Manifold::R2 => fit_in::<2>(mixture, skill, settings, demonstrations, set),
+        Manifold::R3 => fit_in::<3>(mixture, skill, settings, demonstrations, set),
+        Manifold::R3S3 => fit_in::<6>(mixture, skill, settings, demonstrations, set),
+    }
+}
+
+fn fit_in<const D: usize>(
+    mixture: &[FrameMixture],
+    skill: &Skill,
+    settings: &ThesisSettings,
+    demonstrations: &[Demonstration],
+    set: &CanonicalSet,
+) -> Result<(Policy, Vec<ProgramFit>), LearnerError> {
+    let components = mixture[0].gaussians.len();
+    let mut thesis = unfitted(settings, components);
+    let pairs: Vec<_> = demonstrations.iter().zip(&set.demonstrations).collect();
+    let shown = |thesis: &ThesisModel| -> Result<Vec<Shown<D>>, LearnerError> {
+        pairs
+            .par_iter()
+            .map(|(demonstration, canonical)| {
+                let moving = canonical.rest..canonical.rest + canonical.position.points.len();
+                shown(mixture, skill, settings, thesis, demonstration, moving)
+            })
+            .collect()
+    };
+    let (potentials, potential_fit) = fit_potential(&shown(&thesis)?)?;
+    thesis.potentials = potentials;
+    let (damping, damping_fit) = fit_damping(&shown(&thesis)?, settings)?;
+    thesis.damping = damping;
+    Ok((Policy::Thesis(thesis), vec![potential_fit, damping_fit]))
+}
+
+/// The moving samples of a demonstration in the chart of the field with its frames.
+fn shown<const D: usize>(
+    mixture: &[FrameMixture],
+    skill: &Skill,
+    settings: &ThesisSettings,
+    thesis: &ThesisModel,
+    demonstration: &Demonstration,
+    moving: std::ops::Range<usize>,
+) -> Result<Shown<D>, LearnerError> {
+    let not_a_product = || LearnerError::Demonstration {
+        name: demonstration.name.clone(),
+        problem: "the Gaussians of its frames cannot be multiplied".into(),
+    };
+    let products = product_skill::<D>(mixture, thesis).map_err(|_| not_a_product())?;
+    let motions: Vec<_> = frames(skill, demonstration)
+        .into_iter()
+        .map(|(_, pose)| FrameMotion::at_rest(pose))
+        .collect();
+    let mut state = ProductState::new();
+    products.update(&motions, &mut state);
+    let field = state.field().ok_or_else(not_a_product)?.clone();
+    let chart = state.goal().orientation.conjugate();
+    let smoothed = |samples: &[DVec3]| {
+        let dt = demonstration.sampling_time_s;
+        if settings.running_mean.is_some() {
+            return (samples.to_vec(), differences(samples, dt));
+        }
+        let path = smooth(samples, dt, skill.smoothing.window_s, skill.smoothing.degree);
+        (path.points, path.velocities)
+    };
+    let positions: Vec<DVec3> = demonstration.poses.iter().map(|pose| pose.position).collect();
+    let rotations: Vec<DVec3> = demonstration
+        .poses
+        .iter()
+        .map(|pose| if D == 6 { rotation_vector(chart * pose.orientation) } else { DVec3::ZERO })
+        .collect();
+    let (position, linear_velocity) = smoothed(&positions);
+    let (rotation, angular_velocity) = smoothed(&rotations);
+    let joined = |linear: DVec3, angular: DVec3| {
+        SVector::<f64, D>::from_fn(|i, _| if i < 3 { linear[i] } else { angular[i - 3] })
+    };
+    let samples = moving
+        .step_by(settings.stride)
+        .map(|i| Sample {
+            point: joined(position[i], rotation[i]),
+            velocity: joined(linear_velocity[i], angular_velocity[i]),
+            step_s: demonstration.sampling_time_s * settings.stride as f64,
+        })
+        .collect();
+    Ok(Shown { samples, field })
+}
+
+/// Velocities as differences to the next sample; the last one is repeated.
+fn differences(samples: &[DVec3], sampling_time_s: f64) -> Vec<DVec3> {
+    let mut velocities: Vec<_> =
+        samples.windows(2).map(|pair| (pair[1] - pair[0]) / sampling_time_s).collect();
+    velocities.extend(velocities.last().copied());
+    velocities
+}
+
+/// φ⁰_k by eq. 4.15–4.16; the potentials of the fields do not enter.
+///
+/// # Errors
+/// [`LearnerError::NotSolved`] when the solver finds no solution.
+///
+/// # Panics
+/// When there is no demonstration.
+pub fn fit_potential<const D: usize>(
+    all: &[Shown<D>],
+) -> Result<(Vec<f64>, ProgramFit), LearnerError> {
+    // Rows of ζ̂ + M⁻¹∇Φ as affine functions of φ⁰_1 … φ⁰_{K−1}.
+    let free = all[0].field.components().len() - 1;
+    let mut residuals: Vec<[Affine; D]> = Vec::new();
+    for shown in all {
+        let speed = |sample: &Sample<D>| sample.velocity.norm();
+        let fastest = shown.samples.iter().map(speed).fold(0.0, f64::max);
+        for sample in shown.samples.iter().filter(|s| speed(s) > SPEED_SHARE_MIN * fastest) {
+            let value = shown.field.evaluate(&sample.point, &SVector::zeros());
+            let affine = shown.field.affine_potential(&sample.point);
+            let Some(metric) = Cholesky::new(value.metric) else { continue };
+            let constant = sample.velocity.normalize() + metric.solve(&affine.gradient);
+            let columns: Vec<_> =
+                affine.weight_gradients[..free].iter().map(|w| metric.solve(w)).collect();
+            residuals.push(std::array::from_fn(|i| Affine {
+                constant: constant[i],
+                coefficients: columns.iter().map(|c| c[i]).enumerate().collect(),
+            }));
+        }
+    }
+    let count = residuals.len();
+    // x = (φ⁰_1 … φ⁰_{K−1}, one norm a sample); the mean norm is minimised.
+    let mut linear = vec![0.0; free];
+    linear.extend(std::iter::repeat_n(1.0 / count.max(1) as f64, count));
+    let mut program = ConicProgram::new(DMatrix::zeros(0, 0), linear);
+    program.require_nonnegative((0..free).map(|k| falls(k, free)).collect());
+    for (j, residual) in residuals.iter().enumerate() {
+        let mut cone = vec![Affine { constant: 0.0, coefficients: vec![(free + j, 1.0)] }];
+        cone.extend(residual.iter().cloned());
+        program.require_second_order(cone);
+    }
+    let solution = program.solve();
+    let mut potentials = usable(POTENTIAL, &solution)?[..free].to_vec();
+    potentials.push(0.0);
+    // What the solver's tolerance left of the order.
+    for k in (0..free).rev() {
+        potentials[k] = potentials[k].max(potentials[k + 1]);
+    }
+    let norm = |residual: &[Affine; D]| -> f64 {
+        residual.iter().map(|row| row.at(&potentials).powi(2)).sum::<f64>().sqrt()
+    };
+    let residual = residuals.iter().map(norm).sum::<f64>() / count.max(1) as f64;
+    let equal = equal_neighbours(&potentials);
+    let active = vec![active("φ⁰ of neighbours equal", equal, free)];
+    Ok((potentials, figures(POTENTIAL, &solution, residual, active, count)))
+}
+
+/// φ⁰_k − φ⁰_{k+1}; the last φ⁰ is zero.
+fn falls(k: usize, free: usize) -> Affine {
+    let mut coefficients = vec![(k, 1.0)];
+    if k + 1 < free {
+        coefficients.push((k + 1, -1.0));
+    }
+    Affine { constant: 0.0, coefficients }
+}
+
+/// d_k by eq. 4.18–4.21, with the potentials of the fields.
+///
+/// # Errors
+/// [`LearnerError::NotSolved`] when the solver finds no solution.
+///
+/// # Panics
+/// When there is no demonstration.
+pub fn fit_damping<const D: usize>(
+    all: &[Shown<D>],
+    settings: &ThesisSettings,
+) -> Result<(Vec<f64>, ProgramFit), LearnerError> {
+    let components = all[0].field.components().len();
+    // Rows of weight · (energy lost − Σ d_k dissipated_k), relative to the mean energy.
+    let mut rows: Vec<(f64, f64, Vec<f64>)> = Vec::new();
+    for shown in all {
+        let energy = |sample: &Sample<D>| {
+            shown.field.evaluate(&sample.point, &sample.velocity).energy(&sample.velocity)
+        };
+        let at_start = energy(&shown.samples[0]);
+        let mut dissipated = vec![0.0; components];
+        let share = 1.0 / shown.samples.len() as f64;
+        for sample in &shown.samples {
+            if settings.damping_target == DampingTarget::EnergyProfile {
+                rows.push((share, at_start - energy(sample), dissipated.clone()));
+            }
+            let weights = shown.field.weights(&sample.point);
+            let power = sample.velocity.norm_squared() * sample.step_s;
+            for (sum, weight) in dissipated.iter_mut().zip(weights) {
+                *sum += weight * power;
+            }
+        }
+        if settings.damping_target == DampingTarget::TotalEnergy {
+            rows.push((1.0, at_start, dissipated));
+        }
+    }
+    let size = rows.iter().map(|row| row.1.abs()).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    // x = (d_1 … d_K, one absolute value a row), d in units of an even damping that dissipates the
+    // energy, energies in units of the largest.
+    let scale = 1.0 / (size * all.len() as f64);
+    let most = |row: &(f64, f64, Vec<f64>)| row.2.iter().sum::<f64>();
+    let even = size / rows.iter().map(most).fold(f64::MIN_POSITIVE, f64::max);
+    let mut nonnegative =
+        vec![Affine { constant: -settings.damping_min / even, coefficients: vec![(0, 1.0)] }];
+    nonnegative.extend(
+        (1..components)
+            .map(|k| Affine { constant: 0.0, coefficients: vec![(k - 1, -1.0), (k, 1.0)] }),
+    );
+    for (j, (_, lost, dissipated)) in rows.iter().enumerate() {
+        for sign in [1.0, -1.0] {
+            let mut coefficients: Vec<(usize, f64)> =
+                dissipated.iter().map(|x| sign * x * even / size).enumerate().collect();
+            coefficients.push((components + j, 1.0));
+            nonnegative.push(Affine { constant: -sign * lost / size, coefficients });
+        }
+    }
+    let mut linear = vec![0.0; components];
+    linear.extend(rows.iter().map(|(weight, ..)| weight / all.len() as f64));
+    let mut program = ConicProgram::new(DMatrix::zeros(0, 0), linear);
+    program.require_nonnegative(nonnegative);
+    let solution = program.solve();
+    let mut damping: Vec<f64> =
+        usable(DAMPING, &solution)?[..components].iter().map(|d| d * even).collect();
+    // What the solver's tolerance left of bound and order.
+    let mut least = settings.damping_min;
+    for d in &mut damping {
+        *d = d.max(least);
+        least = *d;
+    }
+    let error = |(weight, lost, dissipated): &(f64, f64, Vec<f64>)| {
+        let sum: f64 = dissipated.iter().zip(&damping).map(|(x, d)| x * d).sum();
+        weight * (lost - sum).abs()
+    };
+    let residual = rows.iter().map(error).sum::<f64>() * scale;
+    let at_floor = damping.iter().filter(|d| **d <= settings.damping_min * (1.0 + ACTIVE)).count();
+    let active = vec![
+        active("d at its least value", at_floor, components),
+        active("d of neighbours equal", equal_neighbours(&damping), components - 1),
+    ];
+    Ok((damping, figures(DAMPING, &solution, residual, active, rows.len())))
+}
+
+fn usable<'a>(program: &'static str, solution: &'a Solution) -> Result<&'a [f64], LearnerError> {
+    if solution.usable {
+        return Ok(&solution.x);
+    }
+    let (status, iterations) = (solution.status.clone(), solution.iterations);
+    Err(LearnerError::NotSolved { program, status, iterations, causes: Vec::new() })
+}
+
+fn equal_neighbours(values: &[f64]) -> usize {
+    let largest = values.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+    values.windows(2).filter(|pair| (pair[0] - pair[1]).abs() <= ACTIVE * largest).count()
+}
+
+fn active(name: &str, active: usize, count: usize) -> ActiveConstraints {
+    ActiveConstraints { name: name.into(), active: active as u32, count: count as u32 }
+}
+
+fn figures(
+    name: &str,
+    solution: &Solution,
+    residual: f64,
+    active: Vec<ActiveConstraints>,
+    samples: usize,
+) -> ProgramFit {
+    ProgramFit {
+        name: name.into(),
+        status: solution.status.clone(),
+        iterations: solution.iterations,
+        objective: solution.objective,
+        residual,
+        active,
+        figures: vec![("samples".into(), samples as f64)],
+    }
+}

@@ -1,0 +1,78 @@
+//! Looks along the valley of a field for places at which it does not fall towards the goal.
+//!
+//! For each phase the potential is a quadratic with one lowest point. A place of rest is such a point,
+//! and one at which the potential of the valley is level: so the goal is the only one where the valley
+//! falls towards it everywhere else.
+
+use nalgebra::SVector;
+use tprmp_rmpflow::policy::canonical::field::Field;
+use tprmp_rmpflow::policy::canonical::skill::PHASE_RANGE;
+
+/// Phases at which the valley is looked at.
+pub const PHASES: u32 = 2001;
+/// Nearer to the goal than this share of the phase its Hessian speaks.
+const GOAL_SHARE: f64 = 0.02;
+/// Faults nearer to each other than this share of the phase are one.
+const SAME: f64 = 0.02;
+
+/// The least fall of the potential along the valley towards the goal, by the phase [J], outside of the
+/// goal's surroundings, and the points at which it does not fall, one in each stretch of them.
+///
+/// `phase_length` is the last coordinate of the goal: what the phase one stands for. Where there is no
+/// valley the fall is minus infinity.
+#[must_use]
+pub fn descent<const N: usize>(field: &Field<N>, phase_length: f64) -> (f64, Vec<SVector<f64, N>>) {
+    let [low, high] = PHASE_RANGE;
+    let mut least = f64::INFINITY;
+    let mut faults: Vec<SVector<f64, N>> = Vec::new();
+    for i in 0..PHASES {
+        let share = low + (high - low) * f64::from(i) / f64::from(PHASES - 1);
+        if (share - 1.0).abs() < GOAL_SHARE {
+            continue;
+        }
+        let Some(valley) = field.valley(share * phase_length) else {
+            return (f64::NEG_INFINITY, faults);
+        };
+        let fall = if share < 1.0 { -valley.slope } else { valley.slope } * phase_length;
+        least = least.min(fall);
+        let far = |fault: &SVector<f64, N>| {
+            (fault[N - 1] - valley.point[N - 1]).abs() > SAME * phase_length
+        };
+        if fall.is_nan() || fall <= 0.0 && faults.iter().all(far) {
+            faults.push(valley.point);
+        }
+    }
+    (least, faults)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix3, Vector3};
+    use tprmp_rmpflow::policy::canonical::field::Component;
+
+    /// A straight valley that falls by 0.5 (2 − s) to its goal at s = 2, but for a heap on its way.
+    fn valley(heap: f64) -> Field<3> {
+        let component = |s: f64| Component {
+            mean: Vector3::new(s, 0.0, s),
+            metric: Matrix3::identity(),
+            potential: 0.25 * (s - 2.0).powi(2) + if s == 1.2 { heap } else { 0.0 },
+            gradient: Vector3::new(0.0, 0.0, 0.5 * (s - 2.0)),
+            hessian: Matrix3::new(2.0, 0.0, -2.0, 0.0, 2.0, 0.0, -2.0, 0.0, 2.5),
+        };
+        Field::new(&[0.0, 0.4, 0.8, 1.2, 1.6, 2.0].map(component), 0.24, 8.0).unwrap()
+    }
+
+    #[test]
+    fn a_valley_that_rises_on_its_way_is_found_and_one_that_falls_is_none() {
+        let (least, faults) = descent(&valley(0.0), 2.0);
+        assert!(least > 0.0 && faults.is_empty(), "{least} {faults:?}");
+        let (least, faults) = descent(&valley(2.5), 2.0);
+        assert!(least < 0.0 && !faults.is_empty());
+        assert!(faults.iter().any(|z| (0.4..1.3).contains(&z[2])), "{faults:?}");
+        let mut flat = valley(0.0).components().to_vec();
+        flat.iter_mut().for_each(|c| c.hessian[(1, 1)] = -1.0);
+        let none = Field::new(&flat, 0.24, 8.0).unwrap();
+        assert_eq!(descent(&none, 2.0).0, f64::NEG_INFINITY);
+    }
+}
