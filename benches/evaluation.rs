@@ -25,12 +25,12 @@ use tprmp_model::skill_model::{self, FieldModel, SkillModel};
 use tprmp_rmpflow::leaves::Obstacle;
 use tprmp_rmpflow::natural::Natural;
 use tprmp_rmpflow::policy::Policy as SkillPolicy;
-use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::policy::thesis::product_skill::ProductSkill;
 use tprmp_robot::{
     Chain, ControlPoint, ControlPoints, Kinematics, forward_kinematics,
     forward_kinematics_with_velocity, inverse_dynamics, point_position,
 };
+use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
 /// Joint position and velocity of the UR5 near the box [rad, rad/s].
@@ -124,12 +124,14 @@ const TWELVE: [(&str, [f64; 3], f64); 12] = [
 ];
 
 /// A frame that moves and turns, `step` after it was first seen.
-fn moving(position: [f64; 3], yaw: f64, step: f64) -> FrameMotion {
-    FrameMotion {
-        linear_velocity: DVec3::new(0.1, -0.05, 0.0),
-        linear_acceleration: DVec3::new(0.05, 0.1, 0.0),
-        angular_velocity: DVec3::Z * 0.2,
-        ..FrameMotion::at_rest(Pose {
+fn moving(position: [f64; 3], yaw: f64, step: f64) -> MovingPose {
+    MovingPose {
+        velocity: Twist { linear: DVec3::new(0.1, -0.05, 0.0), angular: DVec3::Z * 0.2 },
+        acceleration: SpatialAcceleration {
+            linear: DVec3::new(0.05, 0.1, 0.0),
+            angular: DVec3::ZERO,
+        },
+        ..MovingPose::at_rest(Pose {
             position: DVec3::from(position) + DVec3::X * step,
             orientation: DQuat::from_rotation_z(yaw + 0.1 * step),
         })
@@ -137,14 +139,14 @@ fn moving(position: [f64; 3], yaw: f64, step: f64) -> FrameMotion {
 }
 
 /// Start and goal frame of the pick; both move.
-fn pick_frames(step: f64) -> [FrameMotion; 2] {
+fn pick_frames(step: f64) -> [MovingPose; 2] {
     let mut start = moving([0.41, 0.29, 0.31], 0.0, step);
     start.pose.orientation = DQuat::from_xyzw(0.72, -0.69, 0.0, 0.0).normalize();
     [start, moving([0.5, -0.25, 0.03], 0.3, step)]
 }
 
 /// Start and goal frame of the planar skill; both move.
-fn planar_frames(step: f64) -> [FrameMotion; 2] {
+fn planar_frames(step: f64) -> [MovingPose; 2] {
     [moving([-1.3, 0.0, 0.0], 0.1, step), moving([1.2, -0.1, 0.0], -0.1, step)]
 }
 
@@ -183,7 +185,7 @@ fn near_pairs(
 fn tick<'a, const N: usize>(
     policy: &'a Policy<N>,
     q: SVector<f64, N>,
-    frames: &'a [Vec<FrameMotion>; 2],
+    frames: &'a [Vec<MovingPose>; 2],
     obstacles: &'a [Obstacle],
 ) -> impl FnMut() + 'a {
     let qd = SVector::<f64, N>::repeat(VELOCITY);
@@ -203,7 +205,7 @@ fn tick<'a, const N: usize>(
 }
 
 /// What moves, and what moves on between two ticks.
-fn both(frames: impl Fn(f64) -> [FrameMotion; 2], step: f64) -> [Vec<FrameMotion>; 2] {
+fn both(frames: impl Fn(f64) -> [MovingPose; 2], step: f64) -> [Vec<MovingPose>; 2] {
     [frames(0.0).to_vec(), frames(step).to_vec()]
 }
 
@@ -359,7 +361,7 @@ fn growth(report: &mut Report<'_>) {
 
     let (thesis, ..) = load::<6>("ur5_pick.ron", "pick_thesis.model.ron");
     let still = both(pick_frames, 0.0);
-    let product = |components: usize, frames: &[Vec<FrameMotion>; 2]| {
+    let product = |components: usize, frames: &[Vec<MovingPose>; 2]| {
         let policy = policy(with_product(&thesis.skills[0].policy, components, frames[0].len()));
         measure(tick(&policy, q, frames, &[]))
     };
@@ -370,7 +372,7 @@ fn growth(report: &mut Report<'_>) {
     report.series("components, thesis policy, frames moved", rows.into());
     let rows = [1, 2, 3, 4, 6, 8].map(|count| {
         let repeated =
-            |set: &Vec<FrameMotion>| set.iter().cycle().take(count).copied().collect::<Vec<_>>();
+            |set: &Vec<MovingPose>| set.iter().cycle().take(count).copied().collect::<Vec<_>>();
         (count, product(15, &frames.each_ref().map(repeated)))
     });
     report.series("frames, thesis policy, frames moved", rows.into());

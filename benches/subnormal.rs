@@ -11,7 +11,7 @@ use nalgebra::SVector;
 use tprmp_bench::results::{self, Verdict};
 use tprmp_controller::policy::{Policy, Task, TaskParameters};
 use tprmp_controller::startup;
-use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
+use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
 const BATCHES: usize = 60;
 const BATCH: u32 = 100;
@@ -37,13 +37,11 @@ struct Case<const N: usize> {
 }
 
 /// Frames that all move and accelerate by this much, along each axis.
-fn frames(positions: [[f64; 3]; 2], rate: f64) -> [FrameMotion; 2] {
-    positions.map(|position| FrameMotion {
-        linear_velocity: DVec3::splat(rate),
-        linear_acceleration: DVec3::splat(rate),
-        angular_velocity: DVec3::Z * rate,
-        angular_acceleration: DVec3::Z * rate,
-        ..FrameMotion::at_rest(Pose { position: position.into(), ..Pose::IDENTITY })
+fn frames(positions: [[f64; 3]; 2], rate: f64) -> [MovingPose; 2] {
+    positions.map(|position| MovingPose {
+        velocity: Twist { linear: DVec3::splat(rate), angular: DVec3::Z * rate },
+        acceleration: SpatialAcceleration { linear: DVec3::splat(rate), angular: DVec3::Z * rate },
+        ..MovingPose::at_rest(Pose { position: position.into(), ..Pose::IDENTITY })
     })
 }
 

@@ -457,7 +457,7 @@ impl<const N: usize> Cycle<N> {
             distance_m: remaining.distance_m,
             energy: decision.energy,
             goal_speed_m_s: goal_frame
-                .carried_point(decision.goal.position - goal_frame.pose.position)
+                .fixed_point(decision.goal.position - goal_frame.pose.position)
                 .first()
                 .length(),
         };

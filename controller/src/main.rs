@@ -12,10 +12,11 @@ use signal_hook::flag;
 use tprmp_controller::commands::monitor::Monitor;
 use tprmp_controller::commands::overrides::Overrides;
 use tprmp_controller::commands::soak::Soak;
+use tprmp_controller::commands::{check, top};
 use tprmp_controller::startup::{self, StartError, WithRobot};
 use tprmp_controller::timing::allocation::CountingAllocator;
 use tprmp_controller::timing::pacing::Pace;
-use tprmp_controller::{check, realtime, top};
+use tprmp_controller::timing::realtime;
 use tprmp_messages::{Instance, LAYOUT, LifeCycle};
 
 #[global_allocator]

@@ -8,9 +8,8 @@ use nalgebra::{SVector, Vector6};
 use tprmp_model::controller_config::{Collision, ControllerConfig, ExemptObstacle, Exemption};
 use tprmp_rmpflow::leaves::avoidance::{Body, Part, PointMotion, add_clearance};
 use tprmp_rmpflow::leaves::joint_limits::{JointLimits, JointSpeedLimits, Posture};
-use tprmp_rmpflow::leaves::{ApproachFunnel, Obstacle, PoseAttractor, Shape, Twist};
+use tprmp_rmpflow::leaves::{ApproachFunnel, Obstacle, PoseAttractor, Shape};
 use tprmp_rmpflow::natural::{Natural, ResolveError};
-use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::policy::canonical::skill::{SkillInertia, SkillValue};
 use tprmp_rmpflow::policy::governor::SpeedGovernor;
 use tprmp_rmpflow::policy::{Policy as SkillPolicy, PolicyState};
@@ -19,6 +18,8 @@ use tprmp_robot::{
     CONTROL_POINT_CAPACITY, Chain, ControlPoint, ControlPoints, Kinematics, SelfPairs,
     forward_kinematics_with_velocity, point_kinematics, point_position,
 };
+use tprmp_spatial::Twist;
+use tprmp_spatial::{MovingPose, Pose};
 
 use crate::inputs::external::ExternalCommand;
 use crate::motion::limits::working_range;
@@ -225,7 +226,7 @@ pub enum Task {
 #[derive(Debug, Clone, Copy)]
 pub struct TaskParameters<'a> {
     /// The frames of all skills, one skill after the other.
-    pub frames: &'a [FrameMotion],
+    pub frames: &'a [MovingPose],
     /// Which of them the goal of the first skill is fixed to.
     pub goal_frame: usize,
     /// What to keep away from.
@@ -355,7 +356,7 @@ impl<const N: usize> Policy<N> {
     /// and V \[J\]. They keep what they were evaluated to.
     fn learned(
         &self,
-        frames: &[FrameMotion],
+        frames: &[MovingPose],
         tool: &Pose,
         twist: &Vector6<f64>,
         states: &mut [SkillState],
@@ -410,7 +411,7 @@ impl<const N: usize> Policy<N> {
             }
             _ => {
                 if let (Some(attractor), Some(frame)) = (&self.attractor, goal_frame) {
-                    let moving = frame.carrying(&frame.pose.inverse().compose(&goal));
+                    let moving = frame.compose(&frame.pose.inverse().compose(&goal));
                     leaf.add(&attractor.towards(&tool, linear, angular, &moving));
                 }
                 learned_energy

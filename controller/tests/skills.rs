@@ -7,7 +7,7 @@ use nalgebra::SVector;
 use tprmp_controller::policy::{Policy, Task, TaskParameters, Workspace};
 use tprmp_controller::startup;
 use tprmp_model::controller_config::{Attractor, ControllerConfig};
-use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
+use tprmp_spatial::{MovingPose, Pose};
 
 const N: usize = 2;
 
@@ -36,14 +36,14 @@ fn policy(beside: &[f64], edit: impl FnOnce(&mut ControllerConfig)) -> Policy<N>
 }
 
 /// Start and goal frame of the skill, the goal displaced.
-fn frames(displacement: DVec3) -> [FrameMotion; 2] {
-    let at = |position: DVec3| FrameMotion::at_rest(Pose { position, ..Pose::IDENTITY });
+fn frames(displacement: DVec3) -> [MovingPose; 2] {
+    let at = |position: DVec3| MovingPose::at_rest(Pose { position, ..Pose::IDENTITY });
     [at(DVec3::new(-0.9, 0.1, 0.0)), at(DVec3::new(0.9, -0.1, 0.0) + displacement)]
 }
 
 fn acceleration(
     policy: &Policy<N>,
-    frames: &[FrameMotion],
+    frames: &[MovingPose],
     workspace: &mut Workspace<N>,
 ) -> SVector<f64, N> {
     let parameters =
@@ -52,7 +52,7 @@ fn acceleration(
     policy.evaluate(&q, &qd, &Task::Skill, &parameters, workspace).unwrap().acceleration
 }
 
-fn asked(policy: &Policy<N>, frames: &[FrameMotion]) -> SVector<f64, N> {
+fn asked(policy: &Policy<N>, frames: &[MovingPose]) -> SVector<f64, N> {
     acceleration(policy, frames, &mut policy.workspace())
 }
 

@@ -19,7 +19,7 @@ use tprmp_learner::mixture::tp_gmm::{frames, uninformative_frames};
 use tprmp_learner::skill::{FitSettings, Skill};
 use tprmp_learner::train::{Trained, learn};
 use tprmp_model::skill_model::{FrameMixture, Manifold, SkillModel};
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 /// A skill whose training is not examined, for tests that do so themselves.
 fn unexamined(template: &str) -> Skill {

@@ -7,9 +7,9 @@ use serde::Deserialize;
 use tprmp_learner::fit::thesis::{Sample, Shown, fit_damping, fit_potential};
 use tprmp_learner::skill::{DampingTarget, ThesisSettings};
 use tprmp_model::skill_model::{FrameGaussian, FrameMixture, ThesisModel, product_skill};
-use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::policy::thesis::gaussian_field::GaussianField;
 use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
+use tprmp_spatial::{MovingPose, Pose};
 
 type Vector = [f64; 2];
 type Matrix = [[f64; 2]; 2];
@@ -111,7 +111,7 @@ impl Oracle {
         let skill = product_skill::<2>(&frames, &thesis).unwrap();
         let at = |frame: &Frame| {
             let [x, y] = frame.origin_m;
-            FrameMotion::at_rest(Pose {
+            MovingPose::at_rest(Pose {
                 position: DVec3::new(x, y, 0.0),
                 orientation: DQuat::from_rotation_z(frame.angle_rad),
             })

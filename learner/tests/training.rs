@@ -13,7 +13,7 @@ use tprmp_learner::report;
 use tprmp_learner::skill::Initialisation;
 use tprmp_learner::train::{Trained, learn, train};
 use tprmp_model::skill_model::{self, FieldModel, Manifold, Policy, to_text};
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 fn learned(template: &str, shown: &[Demonstration]) -> Result<Trained, LearnerError> {
     learn(&skill(template), shown, 1, &mut |_| {})

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use tprmp_learner::demonstration::{self, Demonstration};
 use tprmp_learner::skill::Skill;
 use tprmp_messages::{Frame, Instance, RobotState, StatePublisherPorts, TaskFrames, name_bytes};
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use crate::common::{Place, file, program, run, text};
 

@@ -24,10 +24,8 @@
 
 #![allow(clippy::needless_range_loop, reason = "formulas with matrices are written with indices")]
 
-pub mod jet;
 mod lanes;
 pub mod leaves;
 pub mod natural;
 pub mod policy;
-pub mod rotation;
 pub mod tree;

@@ -55,10 +55,11 @@ fn compare<const N: usize>(chain: &Chain<N>, file: &Path, held: usize, seed: u64
 
         let pose = oracle.forward_kinematics(s, tool).unwrap();
         let position = SVector::from(kinematics.tool_position.to_array());
-        close("position", position, pose.translation.vector);
+        close("position", position, SVector::from_column_slice(pose.translation.vector.as_slice()));
         let rotation = kinematics.tool_rotation.to_cols_array_2d();
         let theirs = pose.rotation.to_rotation_matrix();
-        close("orientation", SMatrix::from(rotation), *theirs.matrix());
+        let theirs = SMatrix::from_column_slice(theirs.matrix().as_slice());
+        close("orientation", SMatrix::from(rotation), theirs);
 
         oracle.jacobian(s, tool, &mut columns).unwrap();
         close("Jacobian", kinematics.tool_jacobian, linear_first(&columns[..6 * N]));

@@ -6,8 +6,9 @@
 
 use tprmp_messages::ToolCommand;
 use tprmp_model::controller_config::External;
-use tprmp_rmpflow::leaves::{Twist, VelocityFollower};
+use tprmp_rmpflow::leaves::VelocityFollower;
 use tprmp_rmpflow::natural::Natural;
+use tprmp_spatial::Twist;
 
 /// A wish this near to the command is it: no ever smaller numbers, with which processors are slow
 /// [m/s or rad/s].

@@ -9,9 +9,9 @@ use tprmp_messages::{
 };
 use tprmp_model::controller_config::FrameObserver;
 use tprmp_rmpflow::leaves::{Obstacle, Shape};
-use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::policy::thesis::product_skill::FRAME_CAPACITY;
 use tprmp_robot::Chain;
+use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
 /// How far a quaternion's length may be from one.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
@@ -83,7 +83,7 @@ pub fn within_position_limits<const N: usize>(state: &JointState<N>, chain: &Cha
 pub struct Scene {
     names: Vec<[u8; NAME_CAPACITY]>,
     /// In the order of the names.
-    frames: Vec<FrameMotion>,
+    frames: Vec<MovingPose>,
     goal_frame: usize,
     obstacles: [Obstacle; OBSTACLE_CAPACITY],
     obstacle_count: usize,
@@ -100,7 +100,7 @@ impl Scene {
         assert!(names.len() <= FRAME_CAPACITY && goal_frame < names.len(), "frames of a model");
         let nothing = Obstacle::sphere(DVec3::NAN, 0.0, DVec3::ZERO);
         Self {
-            frames: vec![FrameMotion::at_rest(Pose::IDENTITY); names.len()],
+            frames: vec![MovingPose::at_rest(Pose::IDENTITY); names.len()],
             names,
             goal_frame,
             obstacles: [nothing; OBSTACLE_CAPACITY],
@@ -111,7 +111,7 @@ impl Scene {
 
     /// The skill's frames, in its order.
     #[must_use]
-    pub fn frames(&self) -> &[FrameMotion] {
+    pub fn frames(&self) -> &[MovingPose] {
         &self.frames
     }
 
@@ -142,7 +142,7 @@ impl Scene {
         for frame in frames.iter().filter(|f| f.valid == 1) {
             check_frame(frame)?;
         }
-        let mut seen = [FrameMotion::at_rest(Pose::IDENTITY); FRAME_CAPACITY];
+        let mut seen = [MovingPose::at_rest(Pose::IDENTITY); FRAME_CAPACITY];
         for (frame, name) in seen.iter_mut().zip(&self.names) {
             *frame = find(name)?;
         }
@@ -173,20 +173,20 @@ const ACCELERATION_REST: f64 = 1e-9;
 /// The frame as it is now, with an acceleration of limited size: the filtered derivative of its
 /// velocity.
 fn observed(
-    last: &FrameMotion,
-    now: &FrameMotion,
+    last: &MovingPose,
+    now: &MovingPose,
     elapsed_s: Option<f64>,
     observer: &FrameObserver,
-) -> FrameMotion {
+) -> MovingPose {
     let (mut linear, mut angular) = (DVec3::ZERO, DVec3::ZERO);
     if let Some(elapsed_s) = elapsed_s {
-        linear = last.linear_acceleration;
-        angular = last.angular_acceleration;
+        linear = last.acceleration.linear;
+        angular = last.acceleration.angular;
         if elapsed_s > 0.0 {
             let share = elapsed_s / (elapsed_s + observer.time_constant_s);
-            let rate = (now.linear_velocity - last.linear_velocity) / elapsed_s;
+            let rate = (now.velocity.linear - last.velocity.linear) / elapsed_s;
             linear += (rate - linear) * share;
-            let rate = (now.angular_velocity - last.angular_velocity) / elapsed_s;
+            let rate = (now.velocity.angular - last.velocity.angular) / elapsed_s;
             angular += (rate - angular) * share;
         }
     }
@@ -199,9 +199,11 @@ fn observed(
     let rest = |a: DVec3| if a.length() < ACCELERATION_REST { DVec3::ZERO } else { a };
     let (linear_max, angular_max) =
         (observer.linear_acceleration_max_m_s2, observer.angular_acceleration_max_rad_s2);
-    FrameMotion {
-        linear_acceleration: rest(linear.clamp_length_max(linear_max)),
-        angular_acceleration: rest(angular.clamp_length_max(angular_max)),
+    MovingPose {
+        acceleration: SpatialAcceleration {
+            linear: rest(linear.clamp_length_max(linear_max)),
+            angular: rest(angular.clamp_length_max(angular_max)),
+        },
         ..*now
     }
 }
@@ -219,11 +221,13 @@ fn check_quaternion(wxyz: [f64; 4]) -> Result<DQuat, Reason> {
     Ok(q.normalize())
 }
 
-fn check_frame(frame: &Frame) -> Result<FrameMotion, Reason> {
-    Ok(FrameMotion {
-        linear_velocity: finite(frame.linear_velocity)?.into(),
-        angular_velocity: finite(frame.angular_velocity)?.into(),
-        ..FrameMotion::at_rest(Pose {
+fn check_frame(frame: &Frame) -> Result<MovingPose, Reason> {
+    Ok(MovingPose {
+        velocity: Twist {
+            linear: finite(frame.linear_velocity)?.into(),
+            angular: finite(frame.angular_velocity)?.into(),
+        },
+        ..MovingPose::at_rest(Pose {
             position: finite(frame.position)?.into(),
             orientation: check_quaternion(frame.quaternion)?,
         })

@@ -5,7 +5,7 @@ pub mod standstill;
 use glam::DVec3;
 use tprmp_messages::{GripperCommand, GripperState, LifeCycle};
 use tprmp_model::controller_config::{Done, Lift};
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use crate::policy::Task;
 

@@ -14,10 +14,10 @@ use std::array::from_fn;
 
 use glam::DVec3;
 use nalgebra::{DMatrix, DVector};
-use tprmp_rmpflow::jet::Vec3;
 use tprmp_rmpflow::policy::canonical::adaptation::{
     Adaptation, Bend, COORDINATES, SPLINES, splines,
 };
+use tprmp_spatial::jet::Vec3;
 
 /// Fewest demonstrations that tell chance from more.
 pub const DEMONSTRATIONS_MIN: usize = 3;

@@ -17,8 +17,9 @@ pub mod savitzky_golay;
 
 use glam::{DQuat, DVec3};
 use tprmp_rmpflow::policy::canonical::frame_map::{
-    Anchor, Canonical, Displacement, FrameMap, FrameMapError, FrameMotion, PHASE_DISTANCE_MIN, Pose,
+    Anchor, Canonical, Displacement, FrameMap, FrameMapError, PHASE_DISTANCE_MIN,
 };
+use tprmp_spatial::{MovingPose, Pose};
 
 use crate::canonical::adaptation::Seen;
 use crate::canonical::orientation::mean_orientation;
@@ -261,8 +262,8 @@ impl Shown<'_> {
         map.displace(&self.at_rest()).expect("a demonstration has the skill's frames")
     }
 
-    fn at_rest(&self) -> Vec<FrameMotion> {
-        self.frames.iter().copied().map(FrameMotion::at_rest).collect()
+    fn at_rest(&self) -> Vec<MovingPose> {
+        self.frames.iter().copied().map(MovingPose::at_rest).collect()
     }
 
     /// Share of the time, and pose, nearest to one of [`PHASES_COMPARED`] equal steps.

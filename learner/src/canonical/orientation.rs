@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3};
 use nalgebra::{Matrix4, Vector4};
-use tprmp_rmpflow::rotation::rotation_vector;
+use tprmp_spatial::rotation::rotation_vector;
 
 /// Bound on the iterations of the mean; some five are usual.
 const ITERATIONS_MAX: usize = 100;

@@ -9,7 +9,7 @@
 //! mean of a sample and the smoothed one before it.
 
 use glam::DVec3;
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use crate::canonical::orientation::mean_orientation;
 use crate::skill::RunningMean;

@@ -8,7 +8,8 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use tprmp_model::skill_model::{Certificate, DemonstrationRollout, Manifold, Rollouts};
-use tprmp_rmpflow::policy::canonical::frame_map::{Canonical, FrameMotion, Pose};
+use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
+use tprmp_spatial::{MovingPose, Pose};
 
 use crate::canonical::{CanonicalDemonstration, CanonicalSet};
 use crate::certify::policy::Learned;
@@ -178,7 +179,7 @@ impl<'a> Examiner<'a> {
                 if displaced {
                     frames.iter_mut().for_each(|frame| *frame = self.displaced(frame, random));
                 }
-                let moved: Vec<_> = frames.iter().copied().map(FrameMotion::at_rest).collect();
+                let moved: Vec<_> = frames.iter().copied().map(MovingPose::at_rest).collect();
                 let displacement = map.displace(&moved).expect("they are the skill's frames");
                 let goal_frame =
                     frames[usize::from(self.skill.goal_frame != self.skill.start_frame)];

@@ -6,10 +6,10 @@ use tprmp_model::skill_model::{
     BlockCertificate, EvaluationError, FieldModel, Policy, SkillModel, ValleyCertificate,
 };
 use tprmp_rmpflow::policy::canonical::field::Component;
-use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::policy::canonical::skill::{Phase, SkillInertia, SkillValue};
 use tprmp_rmpflow::policy::thesis::product_skill::{ProductSkill, ProductState};
 use tprmp_rmpflow::policy::{self, PolicyState};
+use tprmp_spatial::{MovingPose, Pose};
 
 use crate::certify::rollout::at_rest;
 use crate::fit::valley;
@@ -28,7 +28,7 @@ pub struct Learned<'a> {
 /// A policy among frames, on its way.
 pub struct Situation<'a> {
     policy: &'a policy::Policy,
-    frames: Vec<FrameMotion>,
+    frames: Vec<MovingPose>,
     state: PolicyState,
 }
 
@@ -52,7 +52,7 @@ impl Situation<'_> {
     ///
     /// # Panics
     /// When they are not as many as before.
-    pub fn move_frames(&mut self, frames: &[FrameMotion]) {
+    pub fn move_frames(&mut self, frames: &[MovingPose]) {
         self.frames.copy_from_slice(frames);
     }
 
@@ -82,7 +82,7 @@ impl<'a> Learned<'a> {
     /// The policy with these frames, in the order of the model's.
     #[must_use]
     pub fn situation(&self, frames: &[Pose]) -> Situation<'_> {
-        let frames = frames.iter().map(|pose| FrameMotion::at_rest(*pose)).collect();
+        let frames = frames.iter().map(|pose| MovingPose::at_rest(*pose)).collect();
         Situation { policy: &self.policy, frames, state: PolicyState::default() }
     }
 
@@ -98,7 +98,7 @@ impl<'a> Learned<'a> {
             blocks.extend(orientation.iter().map(|field| field_block::<4>("orientation", field)));
             return blocks;
         }
-        let frames: Vec<_> = frames.iter().map(|pose| FrameMotion::at_rest(*pose)).collect();
+        let frames: Vec<_> = frames.iter().map(|pose| MovingPose::at_rest(*pose)).collect();
         let block = match &self.policy {
             policy::Policy::Plane(skill) => product_block("position", skill, &frames, goal),
             policy::Policy::Space(skill) => product_block("position", skill, &frames, goal),
@@ -140,7 +140,7 @@ fn stiffness_min<const N: usize>(component: &Component<N>) -> f64 {
 fn product_block<const D: usize>(
     name: &str,
     skill: &ProductSkill<D>,
-    frames: &[FrameMotion],
+    frames: &[MovingPose],
     goal: &Pose,
 ) -> Option<BlockCertificate> {
     let mut state = ProductState::new();

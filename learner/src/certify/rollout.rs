@@ -3,8 +3,8 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{Cholesky, DMatrix, DVector, SMatrix, SVector};
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
 use tprmp_rmpflow::policy::canonical::skill::SkillValue;
+use tprmp_spatial::Pose;
 
 use crate::certify::policy::Situation;
 

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec3};
 use serde::Deserialize;
 use tprmp_model::skill_model::{Manifold, sha256_hex};
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use crate::error::{LearnerError, read_text};
 

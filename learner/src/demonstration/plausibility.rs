@@ -2,7 +2,7 @@
 //! lost its way. They are warned of, not refused.
 
 use glam::DVec3;
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use crate::demonstration::Demonstration;
 

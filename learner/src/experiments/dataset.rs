@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use crate::canonical::moving_ranges;
 use crate::demonstration::{Demonstration, SCHEMA, read};

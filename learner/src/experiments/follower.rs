@@ -4,10 +4,10 @@ use glam::DVec3;
 use nalgebra::{DMatrix, Vector6};
 use tprmp_model::skill_model::{EvaluationError, Policy, SkillModel};
 use tprmp_rmpflow::natural::Natural;
-use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::policy::canonical::skill::{SkillInertia, SkillValue};
 use tprmp_rmpflow::policy::governor::SpeedGovernor;
 use tprmp_rmpflow::policy::{self, PolicyState};
+use tprmp_spatial::{MovingPose, Pose};
 
 /// Inertia of a point that obeys a policy without an inertia of its own, the certified one's at the
 /// goal included [kg]: about what γ = 0.25 gives a skill of 2.75 m, so that a force does to all what
@@ -28,7 +28,7 @@ pub struct Moment<'a> {
     /// Time since the start [s].
     pub time_s: f64,
     /// Frames of the skill, in its order.
-    pub frames: &'a [FrameMotion],
+    pub frames: &'a [MovingPose],
     /// Pose.
     pub pose: Pose,
     /// Its velocity [m/s].
@@ -58,7 +58,7 @@ pub trait Follower {
     fn press(&mut self, _share: f64) {}
 
     /// Where it rests with these frames; `None` when it knows of no goal of its own.
-    fn goal(&mut self, _frames: &[FrameMotion]) -> Option<Pose> {
+    fn goal(&mut self, _frames: &[MovingPose]) -> Option<Pose> {
         None
     }
 }
@@ -162,7 +162,7 @@ impl Follower for Learned<'_> {
         self.state.press(share);
     }
 
-    fn goal(&mut self, frames: &[FrameMotion]) -> Option<Pose> {
+    fn goal(&mut self, frames: &[MovingPose]) -> Option<Pose> {
         Some(self.model.policy.goal(frames, &mut self.state))
     }
 }

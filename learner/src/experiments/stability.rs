@@ -7,7 +7,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
+use tprmp_spatial::{MovingPose, Pose};
 
 use super::dataset::SkillSet;
 use super::follower::{Follower, Moment};
@@ -179,8 +179,8 @@ impl Bench<'_> {
 fn time_one(follower: &mut dyn Follower, course: &Course, count: usize) -> Vec<f64> {
     let motion = GoalMotion::circle(CIRCLE_RADIUS_M, CIRCLE_SPEED_RAD_S, 0.0);
     let moving = Course { goal_motion: motion, ..course.clone() };
-    let mut frames: Vec<FrameMotion> =
-        course.frames.iter().map(|pose| FrameMotion::at_rest(*pose)).collect();
+    let mut frames: Vec<MovingPose> =
+        course.frames.iter().map(|pose| MovingPose::at_rest(*pose)).collect();
     let goal = course.frames[1].compose(&course.grasp);
     let mut once = |i: usize| {
         let time_s = DURATION_S * i as f64 / count as f64;

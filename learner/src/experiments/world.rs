@@ -8,7 +8,7 @@ use tprmp_rmpflow::leaves::CollisionAvoidance;
 use tprmp_rmpflow::leaves::avoidance::{Avoidance, AvoidanceState, FreeBall, Side, Steering};
 use tprmp_rmpflow::leaves::obstacle::{Obstacle, Shape};
 use tprmp_rmpflow::natural::Natural;
-use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
+use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
 use super::follower::{Follower, INERTIA_KG, Moment, SPEED_MAX_M_S};
 use super::metric::{STOP_SPEED_M_S, STOP_STEPS};
@@ -45,21 +45,22 @@ impl GoalMotion {
 
     /// The frame shown at `shown`, as it has moved at a time.
     #[must_use]
-    pub fn at(&self, shown: &Pose, time_s: f64) -> FrameMotion {
+    pub fn at(&self, shown: &Pose, time_s: f64) -> MovingPose {
         let (sin, cos) = (self.speed_rad_s * time_s).sin_cos();
         let out = DVec3::new(cos, sin, 0.0) * self.radius_m;
         let along = DVec3::new(-sin, cos, 0.0) * (self.radius_m * self.speed_rad_s);
         let (turn_sin, turn_cos) = (self.turn_speed_rad_s * time_s).sin_cos();
         let (a, w) = (self.turn_rad, self.turn_speed_rad_s);
-        FrameMotion {
+        MovingPose {
             pose: Pose {
                 position: shown.position + out,
                 orientation: DQuat::from_rotation_z(a * turn_sin) * shown.orientation,
             },
-            linear_velocity: along,
-            angular_velocity: DVec3::Z * (a * w * turn_cos),
-            linear_acceleration: -out * self.speed_rad_s.powi(2),
-            angular_acceleration: DVec3::Z * (-a * w * w * turn_sin),
+            velocity: Twist { linear: along, angular: DVec3::Z * (a * w * turn_cos) },
+            acceleration: SpatialAcceleration {
+                linear: -out * self.speed_rad_s.powi(2),
+                angular: DVec3::Z * (-a * w * w * turn_sin),
+            },
         }
     }
 }
@@ -103,12 +104,12 @@ pub struct Ball {
 impl Ball {
     /// Where it is when the goal frame, shown at `shown`, is as it is.
     #[must_use]
-    pub fn at(&self, goal_frame: &FrameMotion, shown: &Pose) -> Obstacle {
+    pub fn at(&self, goal_frame: &MovingPose, shown: &Pose) -> Obstacle {
         Obstacle {
             shape: Shape::Sphere { radius: self.radius_m },
             position: self.center + (goal_frame.pose.position - shown.position) * 0.5,
             orientation: DQuat::IDENTITY,
-            velocity: goal_frame.linear_velocity * 0.5,
+            velocity: goal_frame.velocity.linear * 0.5,
             angular_velocity: DVec3::ZERO,
         }
     }
@@ -118,7 +119,7 @@ impl Ball {
     #[must_use]
     pub fn leaves_room(&self, course: &Course, room_m: f64) -> bool {
         let goal_frame = course.frames[1];
-        let lever = course.goal(&FrameMotion::at_rest(goal_frame)).position;
+        let lever = course.goal(&MovingPose::at_rest(goal_frame)).position;
         (0..24).all(|i| {
             let angle = std::f64::consts::TAU * f64::from(i) / 24.0;
             let out = DVec3::new(angle.cos(), angle.sin(), 0.0) * course.goal_motion.radius_m;
@@ -211,7 +212,7 @@ pub struct Course {
 impl Course {
     /// The goal for a pose of the goal frame.
     #[must_use]
-    pub fn goal(&self, goal_frame: &FrameMotion) -> Pose {
+    pub fn goal(&self, goal_frame: &MovingPose) -> Pose {
         goal_frame.pose.compose(&self.grasp)
     }
 }
@@ -264,8 +265,8 @@ pub fn resolve(natural: &Natural<6>, manifold: Manifold) -> Option<[DVec3; 2]> {
 pub fn run(follower: &mut dyn Follower, course: &Course) -> Trace {
     let manifold = course.manifold;
     let still = course.goal_motion == GoalMotion::default();
-    let mut frames: Vec<FrameMotion> =
-        course.frames.iter().map(|pose| FrameMotion::at_rest(*pose)).collect();
+    let mut frames: Vec<MovingPose> =
+        course.frames.iter().map(|pose| MovingPose::at_rest(*pose)).collect();
     let shown = course.frames[1];
     let (mut pose, mut linear, mut angular) = (course.start, course.start_velocity, DVec3::ZERO);
     let steps = (course.duration_s / course.step_s).ceil() as usize;
@@ -295,7 +296,7 @@ pub fn run(follower: &mut dyn Follower, course: &Course) -> Trace {
             if near && step > 0 {
                 moving = false;
                 trace.touched = true;
-                frames[1] = FrameMotion::at_rest(frames[1].pose);
+                frames[1] = MovingPose::at_rest(frames[1].pose);
             } else {
                 frames[1] = course.goal_motion.at(&shown, time_s);
             }
@@ -384,7 +385,7 @@ pub fn run(follower: &mut dyn Follower, course: &Course) -> Trace {
 }
 
 /// Distance to where the policy itself wants to rest.
-fn own_error(follower: &mut dyn Follower, frames: &[FrameMotion], pose: &Pose, goal: &Pose) -> f64 {
+fn own_error(follower: &mut dyn Follower, frames: &[MovingPose], pose: &Pose, goal: &Pose) -> f64 {
     let own = follower.goal(frames).unwrap_or(*goal);
     (pose.position - own.position).length()
 }

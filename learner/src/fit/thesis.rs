@@ -29,10 +29,10 @@ use rayon::prelude::*;
 use tprmp_model::skill_model::{
     ActiveConstraints, FrameMixture, Manifold, Policy, ProgramFit, ThesisModel, product_skill,
 };
-use tprmp_rmpflow::policy::canonical::frame_map::FrameMotion;
 use tprmp_rmpflow::policy::thesis::gaussian_field::GaussianField;
 use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
-use tprmp_rmpflow::rotation::rotation_vector;
+use tprmp_spatial::MovingPose;
+use tprmp_spatial::rotation::rotation_vector;
 
 use crate::canonical::CanonicalSet;
 use crate::canonical::savitzky_golay::smooth;
@@ -141,7 +141,7 @@ fn shown<const D: usize>(
     let products = product_skill::<D>(mixture, thesis).map_err(|_| not_a_product())?;
     let motions: Vec<_> = frames(skill, demonstration)
         .into_iter()
-        .map(|(_, pose)| FrameMotion::at_rest(pose))
+        .map(|(_, pose)| MovingPose::at_rest(pose))
         .collect();
     let mut state = ProductState::new();
     products.update(&motions, &mut state);

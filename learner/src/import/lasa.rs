@@ -8,7 +8,7 @@ use std::path::Path;
 
 use glam::{DQuat, DVec3};
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use super::mat::{Value, parse};
 use super::{Recording, Selection, input, read_bytes};

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use glam::DVec3;
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 use zip::ZipArchive;
 
 use super::table::{pose_of, vector_of};

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::{DQuat, DVec3, DVec4};
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use super::{Interpolation, Selection, input};
 use crate::demonstration::{DURATION_MAX_S, Demonstration, POINTS_MIN, POSITION_MAX_M};

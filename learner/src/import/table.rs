@@ -10,7 +10,7 @@ use std::path::Path;
 use glam::{DQuat, DVec3};
 use serde::Deserialize;
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use super::{Recording, Selection, input, read_bytes};
 use crate::demonstration::{FileFrame, columns, frame, other_frames};

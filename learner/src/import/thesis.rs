@@ -20,7 +20,7 @@ use std::path::Path;
 use glam::{DMat2, DQuat, DVec2, DVec3};
 use serde::Deserialize;
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use super::{Recording, Selection};
 use crate::error::{LearnerError, read_text};

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use glam::{DQuat, DVec3};
 use nalgebra::{DMatrix, DVector};
-use tprmp_rmpflow::rotation::rotation_vector;
+use tprmp_spatial::rotation::rotation_vector;
 
 use crate::canonical::orientation::mean_orientation;
 use crate::skill::Ordering;

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector, Matrix};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model;
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use crate::canonical::CanonicalSet;
 use crate::demonstration::Demonstration;

@@ -1,7 +1,7 @@
 //! Where a skill is drawn: a panel for each view, with frames and their names.
 
 use glam::{DVec2, DVec3};
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use super::colour::{AXES, GREY, Scale};
 use super::projection::{Bounds, PLANE, SPACE, View};

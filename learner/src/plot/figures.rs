@@ -2,8 +2,9 @@
 //! and from a corner, its fields on slices through the goal.
 
 use glam::{DVec2, DVec3};
-use tprmp_rmpflow::policy::canonical::frame_map::{Canonical, Pose};
-use tprmp_rmpflow::rotation::rotation_vector;
+use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
+use tprmp_spatial::Pose;
+use tprmp_spatial::rotation::rotation_vector;
 
 use super::canvas::Canvas;
 use super::colour::{BLACK, BLUE, GREY, RED, Scale, of_phase, pale_of_phase};

@@ -7,9 +7,9 @@ use glam::DVec2;
 use nalgebra::Vector2;
 use tprmp_model::skill_model::{Policy, SkillModel};
 use tprmp_rmpflow::policy;
-use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
 use tprmp_rmpflow::policy::thesis::gaussian_field::{GaussianComponent, GaussianField};
 use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
+use tprmp_spatial::{MovingPose, Pose};
 
 /// A component's part in the force at a point. Forces are in proportion to each other.
 #[derive(Debug, Clone, Copy)]
@@ -55,7 +55,7 @@ impl Forces {
         else {
             return None;
         };
-        let frames: Vec<_> = frames.iter().copied().map(FrameMotion::at_rest).collect();
+        let frames: Vec<_> = frames.iter().copied().map(MovingPose::at_rest).collect();
         let mut state = ProductState::new();
         product.update(&frames, &mut state);
         let field = Box::new(state.field()?.clone());

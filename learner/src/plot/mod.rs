@@ -18,7 +18,8 @@ use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
 use tprmp_model::skill_model::{self, EvaluationError, Manifold, SkillModel, sha256_hex};
-use tprmp_rmpflow::policy::canonical::frame_map::{Canonical, Pose};
+use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
+use tprmp_spatial::Pose;
 
 use crate::canonical::pace::Pace;
 use crate::canonical::{self, mean_pose};

@@ -3,12 +3,11 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use tprmp_model::skill_model::{EvaluationError, Manifold, Policy, SkillModel};
-use tprmp_rmpflow::policy::canonical::frame_map::{
-    Canonical, Displacement, FrameMap, FrameMotion, Pose,
-};
+use tprmp_rmpflow::policy::canonical::frame_map::{Canonical, Displacement, FrameMap};
 use tprmp_rmpflow::policy::thesis::gaussian_field::{GaussianComponent, GaussianField};
 use tprmp_rmpflow::policy::thesis::product_skill::{ProductSkill, ProductState};
 use tprmp_rmpflow::policy::{self, PolicyState};
+use tprmp_spatial::{MovingPose, Pose};
 
 use super::forces::Forces;
 use super::projection::Ellipsoid;
@@ -87,7 +86,7 @@ impl<'a> Skill<'a> {
 
     /// Frames in the model's order, as the map takes them in.
     pub(crate) fn displacement(&self, frames: &[Pose]) -> Displacement {
-        let frames: Vec<_> = frames.iter().copied().map(FrameMotion::at_rest).collect();
+        let frames: Vec<_> = frames.iter().copied().map(MovingPose::at_rest).collect();
         self.map.displace(&frames).expect("they are the model's frames")
     }
 
@@ -142,7 +141,7 @@ impl<'a> Scene<'a> {
             let points = path.iter().enumerate();
             points.map(|(i, y)| skill.map.forward(&displacement, phase(i), y)).collect()
         };
-        let moving: Vec<FrameMotion> = frames.iter().copied().map(FrameMotion::at_rest).collect();
+        let moving: Vec<MovingPose> = frames.iter().copied().map(MovingPose::at_rest).collect();
         let policy = skill.policy.policy();
         let products = match policy {
             policy::Policy::Canonical(_) => {
@@ -217,7 +216,7 @@ fn carry(map: &FrameMap, displacement: &Displacement, gaussian: &Ellipsoid) -> E
 /// The products of what the frames see, with the phases of these Gaussians.
 fn products<const D: usize>(
     skill: &ProductSkill<D>,
-    frames: &[FrameMotion],
+    frames: &[MovingPose],
     gaussians: &[Ellipsoid],
 ) -> Vec<Ellipsoid> {
     let mut state = ProductState::new();

@@ -5,8 +5,8 @@ use std::path::Path;
 use nalgebra::SVector;
 use tprmp_messages::JOINT_CAPACITY;
 use tprmp_model::controller_config::Robot;
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
 use tprmp_robot::{Chain, Kinematics, count_joints, forward_kinematics};
+use tprmp_spatial::Pose;
 
 use super::RecordError;
 use crate::error::LearnerError;

@@ -100,7 +100,7 @@ mod tests {
     use super::*;
     use glam::DVec3;
     use tprmp_model::skill_model::Manifold;
-    use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+    use tprmp_spatial::Pose;
 
     fn demonstration(points: i32) -> Demonstration {
         let at = |x| Pose { position: DVec3::new(x, 0.5 * x, 0.0), ..Pose::IDENTITY };

@@ -5,7 +5,7 @@ use std::fmt;
 use glam::{DQuat, DVec3};
 use tprmp_messages::{Frame, NAME_CAPACITY, RobotState, TaskFrames, name_str};
 use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 /// Two states farther apart than this do not tell how the arm moved in between [ns].
 pub(super) const GAP_MAX_NS: u64 = 100_000_000;

@@ -14,7 +14,7 @@
 use std::collections::VecDeque;
 
 use tprmp_model::skill_model::FRAME_CAPACITY;
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use super::intake::{Frames, NO_FRAMES, Sight};
 use super::take::{Sample, Shown, Take, Task};

@@ -3,7 +3,7 @@
 
 use glam::DQuat;
 use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 use crate::demonstration::plausibility::angle;
 use crate::demonstration::{Demonstration, POINTS_MIN};

@@ -10,7 +10,7 @@ use glam::{DQuat, DVec3};
 use tprmp_learner::demonstration::{Demonstration, to_text};
 use tprmp_learner::skill::Skill;
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::policy::canonical::frame_map::Pose;
+use tprmp_spatial::Pose;
 
 pub(crate) use folder::Folder;
 

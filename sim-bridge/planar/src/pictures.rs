@@ -2,7 +2,8 @@
 
 use glam::{DQuat, DVec2, DVec3};
 use serde_json::Value;
-use tprmp_rmpflow::policy::canonical::frame_map::{Anchor, Canonical, FrameMap, FrameMotion, Pose};
+use tprmp_rmpflow::policy::canonical::frame_map::{Anchor, Canonical, FrameMap};
+use tprmp_spatial::{MovingPose, Pose};
 
 use crate::log::{Bridge, Row};
 use crate::record::Demonstration;
@@ -64,8 +65,8 @@ fn pose(frame: &PlanarPose) -> Pose {
     }
 }
 
-fn at_rest(frame: &PlanarPose) -> FrameMotion {
-    FrameMotion::at_rest(pose(frame))
+fn at_rest(frame: &PlanarPose) -> MovingPose {
+    MovingPose::at_rest(pose(frame))
 }
 
 fn at(point: DVec2) -> Canonical {

@@ -136,6 +136,6 @@ fn pose_gaussian<const D: usize>(gaussian: &FrameGaussian) -> Option<PoseGaussia
     let p = &gaussian.position_m;
     let position = DVec3::new(p[0], p[1], p.get(2).copied().unwrap_or(0.0));
     let [w, x, y, z] = gaussian.quaternion_wxyz.unwrap_or([1.0, 0.0, 0.0, 0.0]);
-    let mean = frame_map::Pose { position, orientation: DQuat::from_xyzw(x, y, z, w) };
+    let mean = tprmp_spatial::Pose { position, orientation: DQuat::from_xyzw(x, y, z, w) };
     PoseGaussian::from_covariance(mean, &SMatrix::from_fn(|i, j| rows[i][j]))
 }

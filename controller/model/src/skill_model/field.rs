@@ -7,7 +7,7 @@ use tprmp_rmpflow::policy::canonical::frame_map;
 
 use super::{Component, FieldModel, Pose};
 
-impl From<Pose> for frame_map::Pose {
+impl From<Pose> for tprmp_spatial::Pose {
     fn from(pose: Pose) -> Self {
         let [w, x, y, z] = pose.quaternion_wxyz;
         Self {
@@ -17,8 +17,8 @@ impl From<Pose> for frame_map::Pose {
     }
 }
 
-impl From<frame_map::Pose> for Pose {
-    fn from(pose: frame_map::Pose) -> Self {
+impl From<tprmp_spatial::Pose> for Pose {
+    fn from(pose: tprmp_spatial::Pose) -> Self {
         let q = pose.orientation;
         Self { position_m: pose.position.to_array(), quaternion_wxyz: [q.w, q.x, q.y, q.z] }
     }

@@ -11,11 +11,11 @@ pub mod obstacle;
 use glam::DVec3;
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector1, Vector3, Vector6};
 
-use crate::jet::{Jet, Real, Vec3};
 pub use crate::leaves::obstacle::{Clearance, Obstacle, Shape};
 use crate::natural::Natural;
-use crate::policy::canonical::frame_map::{FrameMotion, Pose};
-use crate::rotation::orientation_chart;
+use tprmp_spatial::jet::{Jet, Real, Vec3};
+use tprmp_spatial::rotation::orientation_chart;
+use tprmp_spatial::{MovingPose, Pose, Twist};
 
 /// Collision avoidance on the clearance d between a control point and an obstacle.
 ///
@@ -123,11 +123,11 @@ impl ApproachFunnel {
         point: DVec3,
         velocity: DVec3,
         goal: DVec3,
-        frame: &FrameMotion,
+        frame: &MovingPose,
     ) -> Clearance {
         let away = Vec3::moving(point, velocity, DVec3::ZERO)
-            .minus(frame.carried_point(goal - frame.pose.position));
-        let axis = frame.carried_direction(frame.pose.orientation * self.axis);
+            .minus(frame.fixed_point(goal - frame.pose.position));
+        let axis = frame.fixed_direction(frame.pose.orientation * self.axis);
         let along = axis.dot(away);
         let sideways = away.minus(axis.times(along));
         let scaled = sideways.dot(sideways) * Jet::constant(-0.5 / (self.width_m * self.width_m));
@@ -197,11 +197,11 @@ impl PoseAttractor {
         pose: &Pose,
         linear: DVec3,
         angular: DVec3,
-        goal: &FrameMotion,
+        goal: &MovingPose,
     ) -> Natural<6> {
-        let relative = (linear - goal.linear_velocity, angular - goal.angular_velocity);
+        let relative = (linear - goal.velocity.linear, angular - goal.velocity.angular);
         let mut natural = self.evaluate(pose, relative.0, relative.1, &goal.pose);
-        let (a, b) = (goal.linear_acceleration, goal.angular_acceleration);
+        let (a, b) = (goal.acceleration.linear, goal.acceleration.angular);
         natural.force += natural.metric * Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z);
         natural
     }
@@ -229,15 +229,6 @@ pub struct VelocityFollower {
     pub linear_max_m_s: f64,
     /// Largest |v_c| of turning \[rad/s\].
     pub angular_max_rad_s: f64,
-}
-
-/// Linear velocity \[m/s\] and angular velocity \[rad/s\] of a tool, in the base frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Twist {
-    /// \[m/s\]
-    pub linear: DVec3,
-    /// \[rad/s\]
-    pub angular: DVec3,
 }
 
 impl VelocityFollower {
@@ -365,12 +356,12 @@ mod tests {
             saturation_m: 0.1,
         };
         let pose = Pose { position: DVec3::ONE, orientation: DQuat::from_rotation_y(0.4) };
-        let goal = FrameMotion {
+        let goal = MovingPose {
             linear_velocity: DVec3::new(0.1, 0.2, -0.3),
             angular_velocity: DVec3::new(0.0, 0.4, 0.1),
             linear_acceleration: DVec3::new(1.0, -2.0, 0.5),
             angular_acceleration: DVec3::new(0.3, 0.2, 0.1),
-            ..FrameMotion::at_rest(pose)
+            ..MovingPose::at_rest(pose)
         };
         let asked = |linear: DVec3, angular: DVec3| {
             let a = attractor.towards(&pose, linear, angular, &goal).resolve().unwrap();
@@ -390,7 +381,7 @@ mod tests {
 
     #[test]
     fn funnel_is_open_on_the_axis_and_closed_beside_it() {
-        let frame = FrameMotion::at_rest(Pose::IDENTITY);
+        let frame = MovingPose::at_rest(Pose::IDENTITY);
         let goal = DVec3::new(0.1, 0.0, 0.2);
         let at = |point: DVec3| FUNNEL.clearance(point, DVec3::ZERO, goal, &frame).distance;
         assert!((at(goal) - LEAF.activation_distance_m).abs() < 1e-15);
@@ -404,11 +395,11 @@ mod tests {
         let omega = 0.8;
         let frame = |t: f64| {
             let spin = DQuat::from_rotation_x(omega * t) * DQuat::from_rotation_y(0.2);
-            FrameMotion {
+            MovingPose {
                 linear_velocity: DVec3::new(0.1, 0.2 * t, 0.0),
                 linear_acceleration: DVec3::new(0.0, 0.2, 0.0),
                 angular_velocity: DVec3::X * omega,
-                ..FrameMotion::at_rest(Pose {
+                ..MovingPose::at_rest(Pose {
                     position: DVec3::new(0.1 * t, 0.1 * t * t, 0.3),
                     orientation: spin,
                 })

@@ -6,9 +6,9 @@ pub mod thesis;
 
 use glam::DVec3;
 
-use crate::policy::canonical::frame_map::{FrameMotion, Pose};
 use crate::policy::canonical::skill::{Phase, Skill, SkillInertia, SkillValue};
 use crate::policy::thesis::product_skill::{ProductSkill, ProductState};
+use tprmp_spatial::{MovingPose, Pose};
 
 /// A learned policy: immutable.
 #[derive(Debug, Clone)]
@@ -116,7 +116,7 @@ impl Policy {
     pub fn evaluate(
         &self,
         inertia: &SkillInertia,
-        frames: &[FrameMotion],
+        frames: &[MovingPose],
         pose: &Pose,
         linear: DVec3,
         angular: DVec3,
@@ -153,7 +153,7 @@ impl Policy {
     ///
     /// Hot path: no allocation; after [`Policy::evaluate`] with the same frames it costs nothing.
     #[must_use]
-    pub fn goal(&self, frames: &[FrameMotion], state: &mut PolicyState) -> Pose {
+    pub fn goal(&self, frames: &[MovingPose], state: &mut PolicyState) -> Pose {
         match self {
             Self::Canonical(skill) => skill.map.goal_among(frames).unwrap_or(Pose::UNDEFINED),
             Self::Plane(skill) => {
@@ -231,12 +231,12 @@ mod tests {
             Policy::Pose(products()),
         ];
         let frames =
-            [pose([0.35, 0.1, 0.3], 0.2), pose([0.55, -0.2, 0.03], 0.5)].map(FrameMotion::at_rest);
+            [pose([0.35, 0.1, 0.3], 0.2), pose([0.55, -0.2, 0.03], 0.5)].map(MovingPose::at_rest);
         let mut state = PolicyState::default();
         for policy in policies {
             state.restart();
             let goal = policy.goal(&frames, &mut state);
-            let evaluate = |frames: &[FrameMotion], pose: &Pose, state: &mut PolicyState| {
+            let evaluate = |frames: &[MovingPose], pose: &Pose, state: &mut PolicyState| {
                 policy.evaluate(&INERTIA, frames, pose, DVec3::ZERO, DVec3::ZERO, state)
             };
             let at_goal = evaluate(&frames, &goal, &mut state);

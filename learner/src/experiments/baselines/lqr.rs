@@ -13,7 +13,7 @@
 use glam::DVec3;
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, Vector2, Vector4};
 use tprmp_model::skill_model::SkillModel;
-use tprmp_rmpflow::policy::canonical::frame_map::{FrameMotion, Pose};
+use tprmp_spatial::{MovingPose, Pose};
 
 use crate::experiments::follower::{Follower, Moment, Wish, point_wish};
 
@@ -61,7 +61,7 @@ impl Lqr {
     }
 
     /// Product of the frames' Gaussians  [thesis eq. 3.6]: mean and precision.
-    fn product(&self, k: usize, frames: &[FrameMotion]) -> (Vector2<f64>, Matrix2<f64>) {
+    fn product(&self, k: usize, frames: &[MovingPose]) -> (Vector2<f64>, Matrix2<f64>) {
         let (mut precision, mut weighted) = (Matrix2::zeros(), Vector2::zeros());
         for ((mean, covariance), frame) in self.components[k].iter().zip(frames) {
             let Pose { position, orientation } = frame.pose;
@@ -83,7 +83,7 @@ impl Lqr {
     }
 
     /// Gains and feed-forward of every step: u = h − G (x, ẋ).
-    fn gains(&self, frames: &[FrameMotion]) -> Vec<(SMatrix<f64, 2, 4>, Vector2<f64>)> {
+    fn gains(&self, frames: &[MovingPose]) -> Vec<(SMatrix<f64, 2, 4>, Vector2<f64>)> {
         let products: Vec<_> = (0..self.phases.len()).map(|k| self.product(k, frames)).collect();
         let steps = (self.duration_s / STEP_S).ceil() as usize;
         let active = |t: usize| {
@@ -152,7 +152,7 @@ impl Follower for LqrFollower<'_> {
         point_wish(DVec3::new(u.x, u.y, 0.0))
     }
 
-    fn goal(&mut self, frames: &[FrameMotion]) -> Option<Pose> {
+    fn goal(&mut self, frames: &[MovingPose]) -> Option<Pose> {
         let (mean, _) = self.lqr.product(self.lqr.phases.len() - 1, frames);
         let position = DVec3::new(mean.x, mean.y, 0.0);
         Some(Pose { position, orientation: frames[1].pose.orientation })

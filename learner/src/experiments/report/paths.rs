@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::policy::canonical::frame_map::FrameMotion;
+use tprmp_spatial::MovingPose;
 
 use super::{Picture, Run};
 use crate::experiments::dataset::SkillSet;
@@ -149,7 +149,7 @@ fn demonstrations(bench: &Bench, planar: &[usize]) -> Picture {
     Picture { title: title.into(), svg: grid(title, legend, panels), caption }
 }
 
-fn frame(panel: &mut Panel, pose: &tprmp_rmpflow::policy::canonical::frame_map::Pose) {
+fn frame(panel: &mut Panel, pose: &tprmp_spatial::Pose) {
     let [low, high] = panel.range();
     let arm = 0.08 * (high - low).x;
     for (axis, colour) in [(DVec3::X, "#d62728"), (DVec3::Y, "#2ca02c")] {
@@ -195,7 +195,7 @@ fn rollouts(
                     panel.line(trace.goals.iter().map(|goal| flat(*goal)), &CIRCLE);
                     if let (Some(ball), Some(last)) = (case.course.ball, trace.goals.last()) {
                         let shown = case.course.frames[1];
-                        let goal = case.course.goal(&FrameMotion::at_rest(shown)).position;
+                        let goal = case.course.goal(&MovingPose::at_rest(shown)).position;
                         let center = flat(ball.center + (*last - goal) * 0.5);
                         let ring = (0..=60).map(|i| {
                             center

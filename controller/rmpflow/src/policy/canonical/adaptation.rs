@@ -19,7 +19,7 @@
 
 use glam::DVec3;
 
-use crate::jet::{Real, Vec3};
+use tprmp_spatial::jet::{Real, Vec3};
 
 /// Number of B-splines over the phase.
 pub const SPLINES: usize = 9;
@@ -130,7 +130,7 @@ impl Adaptation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::jet::Jet;
+    use tprmp_spatial::jet::Jet;
 
     #[test]
     fn the_splines_vanish_at_both_ends_and_their_derivatives_are_right() {

@@ -31,114 +31,17 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::jet::{Jet, Quat, Real, Vec3};
 use crate::policy::canonical::adaptation::Adaptation;
 use crate::policy::thesis::product_skill::FRAME_CAPACITY;
-use crate::rotation::{inverse_left_jacobian, rotation_vector};
+use tprmp_spatial::jet::{Jet, Quat, Real, Vec3};
+use tprmp_spatial::rotation::{inverse_left_jacobian, rotation_vector};
+use tprmp_spatial::{MovingPose, Pose};
 
 /// Frames rule at phases that lie at least this far apart: between them space moves with the change of
 /// phase.
 pub const PHASE_DISTANCE_MIN: f64 = 0.05;
 /// Share of the phase between two frames in which one's displacement begins to fade into the other's.
 const RISE: f64 = 0.2;
-
-/// Position \[m\] and orientation (unit quaternion).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pose {
-    /// Origin \[m\].
-    pub position: DVec3,
-    /// Orientation.
-    pub orientation: DQuat,
-}
-
-impl Pose {
-    /// No displacement.
-    pub const IDENTITY: Self = Self { position: DVec3::ZERO, orientation: DQuat::IDENTITY };
-    /// No pose at all: equal to none, not even to itself.
-    pub(crate) const UNDEFINED: Self = Self { position: DVec3::NAN, orientation: DQuat::NAN };
-
-    /// X_AC = X_AB X_BC.
-    #[must_use]
-    pub fn compose(&self, other: &Self) -> Self {
-        Self {
-            position: self.position + self.orientation * other.position,
-            orientation: self.orientation * other.orientation,
-        }
-    }
-
-    /// X_BA from X_AB.
-    #[must_use]
-    pub fn inverse(&self) -> Self {
-        let orientation = self.orientation.conjugate();
-        Self { position: -(orientation * self.position), orientation }
-    }
-
-    /// Rotation vector of `self` relative to `other`, expressed in the common base \[rad\].
-    #[must_use]
-    pub fn rotation_from(&self, other: &Self) -> DVec3 {
-        rotation_vector(self.orientation * other.orientation.conjugate())
-    }
-}
-
-/// A frame with its motion, all expressed in the world.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FrameMotion {
-    /// Pose.
-    pub pose: Pose,
-    /// Velocity of the origin \[m/s\].
-    pub linear_velocity: DVec3,
-    /// Angular velocity \[rad/s\].
-    pub angular_velocity: DVec3,
-    /// Acceleration of the origin \[m/s²\].
-    pub linear_acceleration: DVec3,
-    /// Angular acceleration \[rad/s²\].
-    pub angular_acceleration: DVec3,
-}
-
-impl FrameMotion {
-    /// A frame at rest.
-    #[must_use]
-    pub fn at_rest(pose: Pose) -> Self {
-        Self {
-            pose,
-            linear_velocity: DVec3::ZERO,
-            angular_velocity: DVec3::ZERO,
-            linear_acceleration: DVec3::ZERO,
-            angular_acceleration: DVec3::ZERO,
-        }
-    }
-
-    /// The motion of a point that the frame carries, `arm` from its origin in the world \[m\].
-    #[must_use]
-    pub fn carried_point(&self, arm: DVec3) -> Vec3<Jet> {
-        let turning = self.carried_direction(arm);
-        Vec3::moving(
-            self.pose.position + arm,
-            self.linear_velocity + turning.first(),
-            self.linear_acceleration + turning.second(),
-        )
-    }
-
-    /// The motion of a direction that the frame carries, in the world.
-    #[must_use]
-    pub fn carried_direction(&self, direction: DVec3) -> Vec3<Jet> {
-        let (rate, bend) = (self.angular_velocity, self.angular_acceleration);
-        let first = rate.cross(direction);
-        Vec3::moving(direction, first, bend.cross(direction) + rate.cross(first))
-    }
-
-    /// The motion of a frame that is fixed to this one, `offset` as seen from it.
-    #[must_use]
-    pub fn carrying(&self, offset: &Pose) -> Self {
-        let origin = self.carried_point(self.pose.orientation * offset.position);
-        Self {
-            pose: self.pose.compose(offset),
-            linear_velocity: origin.first(),
-            linear_acceleration: origin.second(),
-            ..*self
-        }
-    }
-}
 
 /// A frame of a skill in canonical coordinates, and when it rules.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -327,7 +230,7 @@ impl FrameMap {
 
     /// Where the goal is for these frames; `None` when there are too few.
     #[must_use]
-    pub fn goal_among(&self, frames: &[FrameMotion]) -> Option<Pose> {
+    pub fn goal_among(&self, frames: &[MovingPose]) -> Option<Pose> {
         let anchor = &self.anchors[self.count - 1];
         Some(frames.get(anchor.index)?.pose.compose(&self.grasp))
     }
@@ -335,7 +238,7 @@ impl FrameMap {
     /// Takes in where the frames are and how they move; `None` when there are too few.
     #[inline]
     #[must_use]
-    pub fn displace(&self, frames: &[FrameMotion]) -> Option<Displacement> {
+    pub fn displace(&self, frames: &[MovingPose]) -> Option<Displacement> {
         if frames.len() < self.frame_count() {
             return None;
         }
@@ -351,8 +254,8 @@ impl FrameMap {
             let frame = &frames[anchor.index];
             let turn = frame.pose.orientation * anchor.frame.orientation.conjugate();
             let arm = turn * (anchor.point - anchor.frame.position);
-            displacement.images[p] = frame.carried_point(arm);
-            let rotation = Quat::moving(turn, frame.angular_velocity, frame.angular_acceleration);
+            displacement.images[p] = frame.fixed_point(arm);
+            let rotation = Quat::moving(turn, frame.velocity.angular, frame.acceleration.angular);
             if p == 0 {
                 displacement.rotation = rotation;
             } else {
@@ -381,7 +284,7 @@ impl FrameMap {
     /// Displacement \[m\] and turn \[rad\] of the goal frame against the start frame, as they count for
     /// [`Adaptation`]; zero in canonical coordinates. `None` when there are too few frames.
     #[must_use]
-    pub fn goal_shift(&self, frames: &[FrameMotion]) -> Option<[DVec3; 2]> {
+    pub fn goal_shift(&self, frames: &[MovingPose]) -> Option<[DVec3; 2]> {
         let displacement = self.displace(frames)?;
         let goal = self.anchors[self.count - 1];
         let turn = frames[goal.index].pose.orientation * goal.frame.orientation.conjugate();
@@ -607,9 +510,9 @@ mod tests {
     }
 
     /// A frame on a curve in time: its pose, and its exact motion by construction.
-    fn moving(t: f64, speed: f64, origin: DVec3) -> FrameMotion {
+    fn moving(t: f64, speed: f64, origin: DVec3) -> MovingPose {
         let spin = speed * t + 0.1 * t * t;
-        FrameMotion {
+        MovingPose {
             pose: Pose {
                 position: origin
                     + DVec3::new(0.15 * (speed * t).sin(), 0.1 * t * t, -0.2 * speed * t),
@@ -623,7 +526,7 @@ mod tests {
     }
 
     /// Far from their canonical places: the goal on the other side of the start.
-    fn frames(t: f64) -> [FrameMotion; 3] {
+    fn frames(t: f64) -> [MovingPose; 3] {
         [
             moving(t, -0.3, DVec3::new(0.42, 0.12, 0.31)),
             moving(t, 0.8, DVec3::new(0.3, 0.6, 0.5)),
@@ -673,7 +576,7 @@ mod tests {
         for map in maps() {
             let still = [0, 1, 2].map(|index| {
                 let anchor = anchors().into_iter().find(|anchor| anchor.index == index).unwrap();
-                FrameMotion::at_rest(anchor.frame)
+                MovingPose::at_rest(anchor.frame)
             });
             let d = map.displace(&still).unwrap();
             for (y, phase) in points().zip(phases()) {

@@ -18,8 +18,9 @@ use nalgebra::{Matrix6, SVector, Vector6};
 
 use crate::natural::Natural;
 use crate::policy::canonical::field::Field;
-use crate::policy::canonical::frame_map::{Displacement, FrameMap, FrameMotion, Mapped, Pose};
-use crate::rotation::rotation_vector;
+use crate::policy::canonical::frame_map::{Displacement, FrameMap, Mapped};
+use tprmp_spatial::rotation::rotation_vector;
+use tprmp_spatial::{MovingPose, Pose};
 
 /// The phase stays within these bounds …
 pub const PHASE_RANGE: [f64; 2] = [-0.25, 1.25];
@@ -228,7 +229,7 @@ impl Skill {
     /// Takes in where the frames are and how they move; `None` when there are too few.
     #[inline]
     #[must_use]
-    pub fn displace(&self, frames: &[FrameMotion]) -> Option<Displacement> {
+    pub fn displace(&self, frames: &[MovingPose]) -> Option<Displacement> {
         self.map.displace(frames)
     }
 
@@ -478,7 +479,7 @@ mod tests {
 
     /// Integrates the resolved acceleration of the pose: a free rigid body that obeys the skill.
     fn rollout(
-        frames: impl Fn(f64) -> [FrameMotion; 2],
+        frames: impl Fn(f64) -> [MovingPose; 2],
         seconds: f64,
         mut each: impl FnMut(&SkillValue, &Phase),
     ) -> (Pose, Pose) {
@@ -507,8 +508,8 @@ mod tests {
         (pose, policy.goal(&frames(seconds), &mut state))
     }
 
-    fn at(position: [f64; 3], yaw: f64) -> FrameMotion {
-        FrameMotion::at_rest(Pose {
+    fn at(position: [f64; 3], yaw: f64) -> MovingPose {
+        MovingPose::at_rest(Pose {
             position: position.into(),
             orientation: DQuat::from_rotation_z(yaw),
         })
@@ -607,7 +608,7 @@ mod tests {
     fn the_phase_waits_for_a_tool_that_is_held_and_finds_one_that_is_set_down() {
         let skill = skill();
         let frames = [skill.map.anchors()[0].frame, skill.map.goal_frame()];
-        let d = skill.displace(&frames.map(FrameMotion::at_rest)).unwrap();
+        let d = skill.displace(&frames.map(MovingPose::at_rest)).unwrap();
         let on_the_way = |s: f64| {
             let (start, goal) = (skill.map.anchors()[0].point, skill.map.goal());
             let r = DVec3::new(-0.6, 0.2, 0.1) * (1.0 - s);
@@ -634,7 +635,7 @@ mod tests {
     fn a_phase_waits_for_a_tool_that_is_held_but_not_for_an_obstacle() {
         let skill = skill();
         let frames = [skill.map.anchors()[0].frame, skill.map.goal_frame()];
-        let frames = frames.map(FrameMotion::at_rest);
+        let frames = frames.map(MovingPose::at_rest);
         let pose = Pose {
             position: skill.map.anchors()[0].point,
             orientation: skill.map.goal().orientation,
@@ -685,7 +686,7 @@ mod tests {
         skill.position = PositionField::Plane(Box::new(Field::new(&[plane], 0.1, 8.0).unwrap()));
         skill.orientation = None;
         let frames = [skill.map.anchors()[0].frame, skill.map.goal_frame()];
-        let d = skill.displace(&frames.map(FrameMotion::at_rest)).unwrap();
+        let d = skill.displace(&frames.map(MovingPose::at_rest)).unwrap();
         let phase = Phase { share: 0.1, rate_1_s: 0.0 };
         let value = skill.evaluate(&INERTIA, &d, &frames[0], DVec3::X, DVec3::ZERO, &phase);
         assert!(value.natural.force.fixed_rows::<3>(3).norm() == 0.0);

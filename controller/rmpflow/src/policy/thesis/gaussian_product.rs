@@ -8,7 +8,7 @@
 //! |---|----------|--------------------------------------------------------------|
 //! | 2 | R²       | x − μ_x, the first two                                       |
 //! | 3 | R³       | x − μ_x                                                      |
-//! | 6 | R³ × S³  | \[x − μ_x; v\] with q = μ_q exp(v), v the full angle ([`crate::rotation`]) |
+//! | 6 | R³ × S³  | \[x − μ_x; v\] with q = μ_q exp(v), v the full angle ([`tprmp_spatial::rotation`]) |
 //!
 //! A Gaussian is held by its precision Λ = Σ⁻¹: the product is a sum of precisions, so that nothing
 //! is inverted on the way from the frames to the field.
@@ -17,9 +17,9 @@ use glam::{DMat3, DVec3};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
 use crate::lanes::{self, Kernel, LANES, Lanes};
-use crate::policy::canonical::frame_map::Pose;
 use crate::policy::thesis::product_quad::PoseQuad;
 use crate::policy::thesis::product_skill::FRAME_CAPACITY;
+use tprmp_spatial::Pose;
 
 /// A factor is stronger than another when its precision's determinant is larger by more than this:
 /// rounding does not decide.
@@ -173,10 +173,10 @@ pub(crate) fn tangent<const D: usize>(position: DVec3, rotation: DVec3) -> SVect
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rotation::rotation_vector;
     use glam::DQuat;
     use proptest::prelude::*;
     use std::f64::consts::PI;
+    use tprmp_spatial::rotation::rotation_vector;
 
     fn vector(size: f64) -> impl Strategy<Value = DVec3> {
         let component = -size..size;

@@ -7,9 +7,9 @@
 use glam::{DMat3, DQuat};
 
 use crate::lanes::{LANES, Lanes, Quad};
-use crate::policy::canonical::frame_map::Pose;
 use crate::policy::thesis::gaussian_field::GaussianQuad;
 use crate::policy::thesis::gaussian_product::PoseGaussian;
+use tprmp_spatial::Pose;
 
 /// Bound on the Gauss–Newton iterations of a product; factors within 1 rad of one another take
 /// some six.

@@ -23,12 +23,12 @@ use nalgebra::{SMatrix, SVector, Vector6};
 
 use crate::lanes::{self, Kernel, LANES, Lanes, Quad};
 use crate::policy::canonical::field::{COMPONENT_CAPACITY, FieldValue};
-use crate::policy::canonical::frame_map::{FrameMotion, Pose};
 use crate::policy::canonical::skill::{SkillInertia, SkillValue};
 use crate::policy::thesis::gaussian_field::GaussianField;
 use crate::policy::thesis::gaussian_product::{PoseGaussian, block_diagonal, strongest, tangent};
 use crate::policy::thesis::product_quad::{Frame, PoseQuad};
-use crate::rotation::{Chart, orientation_chart};
+use tprmp_spatial::rotation::{Chart, orientation_chart};
+use tprmp_spatial::{MovingPose, Pose};
 
 /// Most frames of a skill.
 pub const FRAME_CAPACITY: usize = 8;
@@ -254,7 +254,7 @@ impl<const D: usize> ProductSkill<D> {
     ///
     /// Hot path: no allocation; when a frame has moved, O(K P D³) and the iterations of
     /// [`product`](crate::policy::thesis::gaussian_product::product) for each component.
-    pub fn update(&self, frames: &[FrameMotion], state: &mut ProductState<D>) {
+    pub fn update(&self, frames: &[MovingPose], state: &mut ProductState<D>) {
         let Some(frames) = frames.get(..self.frame_count) else {
             state.frames = [Pose::UNDEFINED; FRAME_CAPACITY];
             (state.defined, state.goal) = (false, Pose::UNDEFINED);
@@ -289,7 +289,7 @@ impl<const D: usize> ProductSkill<D> {
     pub fn evaluate(
         &self,
         inertia: &SkillInertia,
-        frames: &[FrameMotion],
+        frames: &[MovingPose],
         pose: &Pose,
         linear: DVec3,
         angular: DVec3,
@@ -463,11 +463,11 @@ mod tests {
         ProductSkill::new((0..COMPONENTS).map(component).collect(), SCALE, THRESHOLD).unwrap()
     }
 
-    fn at(position: [f64; 3], orientation: DQuat) -> FrameMotion {
-        FrameMotion::at_rest(Pose { position: position.into(), orientation })
+    fn at(position: [f64; 3], orientation: DQuat) -> MovingPose {
+        MovingPose::at_rest(Pose { position: position.into(), orientation })
     }
 
-    fn frames() -> [FrameMotion; 2] {
+    fn frames() -> [MovingPose; 2] {
         [
             at([0.1, 0.2, 0.3], turned([0.0, 0.0, 0.4])),
             at([0.55, -0.15, 0.45], turned([0.0, 0.0, -0.3])),
@@ -476,7 +476,7 @@ mod tests {
 
     fn evaluate<const D: usize>(
         skill: &ProductSkill<D>,
-        frames: &[FrameMotion],
+        frames: &[MovingPose],
         pose: &Pose,
         velocity: [DVec3; 2],
     ) -> SkillValue {
@@ -499,7 +499,7 @@ mod tests {
     /// policy that is not scaled.
     fn as_printed(
         skill: &ProductSkill<3>,
-        frames: &[FrameMotion],
+        frames: &[MovingPose],
         x: Vector3<f64>,
         v: Vector3<f64>,
     ) -> (Vector3<f64>, Matrix3<f64>, f64) {
@@ -570,7 +570,7 @@ mod tests {
         let skill = skill::<D>();
         let turn = displacement.orientation;
         let velocity = if D < 3 { velocity.map(|v| DVec3::new(v.x, v.y, 0.0)) } else { *velocity };
-        let moved = frames().map(|f| FrameMotion::at_rest(displacement.compose(&f.pose)));
+        let moved = frames().map(|f| MovingPose::at_rest(displacement.compose(&f.pose)));
         let here = evaluate(&skill, &frames(), pose, velocity);
         let there =
             evaluate(&skill, &moved, &displacement.compose(pose), velocity.map(|v| turn * v));
@@ -747,7 +747,7 @@ mod tests {
     fn frames_that_are_missing_or_not_finite_give_what_no_one_resolves() {
         let (skill, mut state) = (skill::<3>(), ProductState::new());
         let pose = Pose::IDENTITY;
-        let mut resolves = |frames: &[FrameMotion]| {
+        let mut resolves = |frames: &[MovingPose]| {
             let value =
                 skill.evaluate(&INERTIA, frames, &pose, DVec3::ZERO, DVec3::ZERO, &mut state);
             let goal = state.goal().position.is_finite();

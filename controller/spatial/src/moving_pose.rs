@@ -1,0 +1,55 @@
+//! A frame with its motion.
+
+use glam::DVec3;
+
+use crate::jet::{Jet, Vec3};
+use crate::{Pose, SpatialAcceleration, Twist};
+
+/// X, V and A of a frame, all expressed in the world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MovingPose {
+    /// X_WF.
+    pub pose: Pose,
+    /// V_WF.
+    pub velocity: Twist,
+    /// A_WF.
+    pub acceleration: SpatialAcceleration,
+}
+
+impl MovingPose {
+    /// A frame at rest.
+    #[must_use]
+    pub fn at_rest(pose: Pose) -> Self {
+        Self { pose, velocity: Twist::ZERO, acceleration: SpatialAcceleration::ZERO }
+    }
+
+    /// The motion of a point fixed to the frame, `r` from its origin, expressed in the world \[m\].
+    #[must_use]
+    pub fn fixed_point(&self, r: DVec3) -> Vec3<Jet> {
+        let rotating = self.fixed_direction(r);
+        Vec3::moving(
+            self.pose.position + r,
+            self.velocity.linear + rotating.first(),
+            self.acceleration.linear + rotating.second(),
+        )
+    }
+
+    /// The motion of a direction fixed to the frame, expressed in the world.
+    #[must_use]
+    pub fn fixed_direction(&self, direction: DVec3) -> Vec3<Jet> {
+        let (w, alpha) = (self.velocity.angular, self.acceleration.angular);
+        let first = w.cross(direction);
+        Vec3::moving(direction, first, alpha.cross(direction) + w.cross(first))
+    }
+
+    /// The motion of a frame G fixed to this one, from X_FG.
+    #[must_use]
+    pub fn compose(&self, x_fg: &Pose) -> Self {
+        let origin = self.fixed_point(self.pose.orientation * x_fg.position);
+        Self {
+            pose: self.pose.compose(x_fg),
+            velocity: Twist { linear: origin.first(), ..self.velocity },
+            acceleration: SpatialAcceleration { linear: origin.second(), ..self.acceleration },
+        }
+    }
+}

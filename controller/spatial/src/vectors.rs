@@ -1,0 +1,179 @@
+//! Twists, accelerations and wrenches: pairs of a linear and an angular vector.
+
+use core::ops::{Add, Mul, Neg, Sub};
+
+use glam::DVec3;
+use nalgebra::Vector6;
+
+use crate::Pose;
+
+/// Defines a pair of vectors with the arithmetic of a six-dimensional vector space.
+macro_rules! six_vector {
+    ($(#[$meta:meta])* $name:ident { $(#[$first_meta:meta])* $first:ident, $(#[$second_meta:meta])* $second:ident }) => {
+        $(#[$meta])*
+        #[derive(Debug, Clone, Copy, PartialEq)]
+        pub struct $name {
+            $(#[$first_meta])*
+            pub $first: DVec3,
+            $(#[$second_meta])*
+            pub $second: DVec3,
+        }
+
+        impl $name {
+            /// Zero.
+            pub const ZERO: Self = Self { $first: DVec3::ZERO, $second: DVec3::ZERO };
+
+            /// Whether every number of it is finite.
+            #[must_use]
+            pub fn is_finite(&self) -> bool {
+                self.$first.is_finite() && self.$second.is_finite()
+            }
+        }
+
+        impl Add for $name {
+            type Output = Self;
+            #[inline]
+            fn add(self, other: Self) -> Self {
+                Self { $first: self.$first + other.$first, $second: self.$second + other.$second }
+            }
+        }
+
+        impl Sub for $name {
+            type Output = Self;
+            #[inline]
+            fn sub(self, other: Self) -> Self {
+                Self { $first: self.$first - other.$first, $second: self.$second - other.$second }
+            }
+        }
+
+        impl Neg for $name {
+            type Output = Self;
+            #[inline]
+            fn neg(self) -> Self {
+                Self { $first: -self.$first, $second: -self.$second }
+            }
+        }
+
+        impl Mul<f64> for $name {
+            type Output = Self;
+            #[inline]
+            fn mul(self, factor: f64) -> Self {
+                Self { $first: self.$first * factor, $second: self.$second * factor }
+            }
+        }
+
+        impl From<$name> for Vector6<f64> {
+            #[inline]
+            fn from(v: $name) -> Self {
+                let (a, b) = (v.$first, v.$second);
+                Self::new(a.x, a.y, a.z, b.x, b.y, b.z)
+            }
+        }
+
+        impl From<Vector6<f64>> for $name {
+            #[inline]
+            fn from(v: Vector6<f64>) -> Self {
+                Self {
+                    $first: DVec3::new(v[0], v[1], v[2]),
+                    $second: DVec3::new(v[3], v[4], v[5]),
+                }
+            }
+        }
+    };
+}
+
+six_vector!(
+    /// V_AB: how frame B moves in frame A, expressed in A.
+    Twist {
+        /// Velocity of B's origin \[m/s\].
+        linear,
+        /// ω_AB \[rad/s\].
+        angular
+    }
+);
+
+six_vector!(
+    /// A_AB: the time derivative of a [`Twist`], expressed in A, as in Drake: the linear part is the
+    /// acceleration of B's origin, not Featherstone's.
+    SpatialAcceleration {
+        /// Acceleration of B's origin \[m/s²\].
+        linear,
+        /// Angular acceleration \[rad/s²\].
+        angular
+    }
+);
+
+six_vector!(
+    /// F_B: a force and a torque about B's origin; the dual of a [`Twist`].
+    Wrench {
+        /// \[N\]
+        force,
+        /// \[N m\]
+        torque
+    }
+);
+
+impl Twist {
+    /// V_AC of a frame C that is fixed to B, its origin `r` from B's \[m\], expressed in A:
+    /// v_C = v_B + ω × r.
+    #[inline]
+    #[must_use]
+    pub fn shifted(&self, r: DVec3) -> Self {
+        Self { linear: self.linear + self.angular.cross(r), angular: self.angular }
+    }
+
+    /// The adjoint of a pose: V of the same motion for axes and origin of frame A, where `self` is
+    /// that of a frame fixed to B and seen from B, X = X_AB:  ω_A = R ω,  v_A = R v + p × R ω.
+    #[inline]
+    #[must_use]
+    pub fn adjoint(&self, x: &Pose) -> Self {
+        let angular = x.orientation * self.angular;
+        Self { linear: x.orientation * self.linear + x.position.cross(angular), angular }
+    }
+
+    /// Power of a wrench at the same point \[W\].
+    #[inline]
+    #[must_use]
+    pub fn power(&self, wrench: &Wrench) -> f64 {
+        self.linear.dot(wrench.force) + self.angular.dot(wrench.torque)
+    }
+}
+
+impl Wrench {
+    /// The same wrench about a point `r` from B's origin \[m\]: τ_C = τ_B − r × f.
+    #[inline]
+    #[must_use]
+    pub fn shifted(&self, r: DVec3) -> Self {
+        Self { force: self.force, torque: self.torque - r.cross(self.force) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+
+    const V: Twist =
+        Twist { linear: DVec3::new(0.3, -0.2, 0.9), angular: DVec3::new(-1.0, 0.4, 0.2) };
+
+    #[test]
+    fn power_does_not_depend_on_the_point_at_which_it_is_measured() {
+        let wrench =
+            Wrench { force: DVec3::new(1.0, 2.0, -3.0), torque: DVec3::new(0.3, -0.1, 0.6) };
+        let r = DVec3::new(0.4, -0.7, 0.2);
+        let moved = V.shifted(r).power(&wrench.shifted(r));
+        assert!((moved - V.power(&wrench)).abs() < 1e-14);
+    }
+
+    #[test]
+    fn adjoints_compose_like_their_poses() {
+        let a =
+            Pose { position: DVec3::new(0.1, 0.2, -0.5), orientation: DQuat::from_rotation_x(0.7) };
+        let b = Pose { position: DVec3::X, orientation: DQuat::from_rotation_z(-1.2) };
+        let twice = V.adjoint(&b).adjoint(&a) - V.adjoint(&a.compose(&b));
+        assert!(twice.linear.length() < 1e-14 && twice.angular.length() < 1e-14);
+        let column = Vector6::from(V);
+        assert_eq!(Twist::from(column), V);
+        assert_eq!(column[3], V.angular.x);
+    }
+}
