@@ -110,7 +110,7 @@ soak: seed build
 	    $(BIN)/planar-sim run --seed {seed} --out target/soak/run --instance soak
 
 experiments: seed build
-	$(BIN)/learner experiments --seed $(SEED) $(if $(QUICK),--quick) $(if $(DATASET),--dataset '$(DATASET)')
+	$(BIN)/experiments --seed $(SEED) $(if $(QUICK),--quick) $(if $(DATASET),--dataset '$(DATASET)')
 
 # Arms of pybullet's own data package, with the suction tool fitted.
 robots: venv

@@ -101,21 +101,12 @@ pub enum LearnerError {
 
 impl LearnerError {
     /// A wrong value at a key of a file.
-    pub(crate) fn key(
-        path: &Path,
-        key: impl std::fmt::Display,
-        problem: impl Into<String>,
-    ) -> Self {
+    pub fn key(path: &Path, key: impl std::fmt::Display, problem: impl Into<String>) -> Self {
         Self::Input { path: path.into(), place: format!("key `{key}`"), problem: problem.into() }
     }
 
     /// A file that does not parse.
-    pub(crate) fn syntax(
-        path: &Path,
-        line: usize,
-        column: usize,
-        problem: impl Into<String>,
-    ) -> Self {
+    pub fn syntax(path: &Path, line: usize, column: usize, problem: impl Into<String>) -> Self {
         Self::Input {
             path: path.into(),
             place: format!("line {line}, column {column}"),
@@ -139,6 +130,6 @@ fn blamed(causes: &[String]) -> String {
 }
 
 /// Reads a text file.
-pub(crate) fn read_text(path: &Path) -> Result<String, LearnerError> {
+pub fn read_text(path: &Path) -> Result<String, LearnerError> {
     std::fs::read_to_string(path).map_err(|source| LearnerError::Read { path: path.into(), source })
 }

@@ -10,7 +10,6 @@ pub mod canonical;
 pub mod certify;
 pub mod demonstration;
 pub mod error;
-pub mod experiments;
 pub mod fit;
 pub mod import;
 pub mod mixture;

@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use tprmp_learner::error::LearnerError;
 use tprmp_learner::import::{Interpolation, Selection, import};
 use tprmp_learner::mixture::components::Components;
-use tprmp_learner::{experiments, plot, record, report, train};
+use tprmp_learner::{plot, record, report, train};
 use tprmp_model::skill_model;
 
 /// Learns a skill from a few demonstrations.
@@ -66,10 +66,6 @@ enum Command {
     /// A demonstration begins when the arm starts to move and ends when it has rested for a second;
     /// then the next one is waited for. Ctrl-C ends. Nothing is ever sent to the robot.
     Record(record::Options),
-    /// Repeat the thesis' experiments, and harder ones, on a set of demonstrations
-    ///
-    /// Trains the default policy, the thesis' and baselines, and writes results.json and report.html.
-    Experiments(experiments::Options),
     /// Draw what a model has learned: pictures, and a page that shows them all
     Plot {
         /// Model file
@@ -191,7 +187,6 @@ fn run(command: Command) -> Result<(), LearnerError> {
                 print(&format!("wrote      {}\n", path.display()))?;
             }
         }
-        Command::Experiments(options) => print(&experiments::run(&options)?)?,
         Command::Record(options) => record::record(&options)?,
         Command::Inspect { model } => {
             print(&report::inspected(&skill_model::read(&model)?))?;

@@ -258,7 +258,7 @@ fn stored_canonical(
 
 /// Demonstrations as they are learned from: smoothed by a running mean where the fit asks for it, and
 /// with a start frame that is fixed to the goal frame for skills that have no other.
-pub(crate) fn prepared(skill: &Skill, demonstrations: &[Demonstration]) -> Vec<Demonstration> {
+pub fn prepared(skill: &Skill, demonstrations: &[Demonstration]) -> Vec<Demonstration> {
     let mut demonstrations = demonstrations.to_vec();
     if let Some(settings) = skill.fit.running_mean() {
         for demonstration in &mut demonstrations {

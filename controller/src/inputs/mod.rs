@@ -374,7 +374,7 @@ mod tests {
             scene.update(&message, &OBSERVER).unwrap();
             if step > 100 {
                 let exact = DVec3::new(-c, -s, 0.0) * (radius * omega * omega);
-                let error = (scene.frames()[1].linear_acceleration - exact).length();
+                let error = (scene.frames()[1].acceleration.linear - exact).length();
                 assert!(error < 0.03 * exact.length(), "{error}");
             }
         }
@@ -382,10 +382,10 @@ mod tests {
             message.time_ns += 2_000_000;
             scene.update(&message, &OBSERVER).unwrap();
         }
-        assert_eq!(scene.frames()[1].linear_acceleration, DVec3::ZERO, "at a constant velocity");
+        assert_eq!(scene.frames()[1].acceleration.linear, DVec3::ZERO, "at a constant velocity");
         message.time_ns += 2_000_000;
         message.frames[1].linear_velocity = [1e6, 0.0, 0.0];
         scene.update(&message, &OBSERVER).unwrap();
-        assert!(scene.frames()[1].linear_acceleration.length() < 30.0 + 1e-9);
+        assert!(scene.frames()[1].acceleration.linear.length() < 30.0 + 1e-9);
     }
 }

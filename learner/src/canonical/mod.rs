@@ -484,13 +484,13 @@ fn mean_frames(demonstrations: &[Demonstration]) -> MeanFrames {
 }
 
 /// The mean goal, seen from the goal frame.
-pub(crate) fn mean_goal(demonstrations: &[Demonstration]) -> Pose {
+pub fn mean_goal(demonstrations: &[Demonstration]) -> Pose {
     let mean = mean_frames(demonstrations);
     mean.goal_frame.inverse().compose(&mean.goal)
 }
 
 /// The mean of poses.
-pub(crate) fn mean_pose(poses: &[Pose]) -> Pose {
+pub fn mean_pose(poses: &[Pose]) -> Pose {
     let orientations: Vec<_> = poses.iter().map(|p| p.orientation).collect();
     let position = poses.iter().map(|p| p.position).sum::<DVec3>() / poses.len() as f64;
     let weights = vec![1.0; poses.len()];

@@ -75,7 +75,7 @@ impl<'a> Learned<'a> {
     }
 
     /// The policy as it is evaluated.
-    pub(crate) fn policy(&self) -> &policy::Policy {
+    pub fn policy(&self) -> &policy::Policy {
         &self.policy
     }
 

@@ -94,7 +94,7 @@ pub fn follow(
 
 /// Linear and angular acceleration; `None` when the metric is not positive definite or a number not
 /// finite. What the manifold does not span does not move.
-pub(crate) fn acceleration(value: &SkillValue, manifold: Manifold) -> Option<[DVec3; 2]> {
+pub fn acceleration(value: &SkillValue, manifold: Manifold) -> Option<[DVec3; 2]> {
     let natural = &value.natural;
     let mut a = [0.0; 6];
     match manifold {

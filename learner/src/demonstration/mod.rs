@@ -70,7 +70,7 @@ struct File {
 /// A frame of a file; [`frame`] makes a pose of it.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct FileFrame {
+pub struct FileFrame {
     position_m: Vec<Option<f64>>,
     quaternion_wxyz: Vec<Option<f64>>,
 }
@@ -288,7 +288,7 @@ fn quaternion(wxyz: &[f64], key: &str, path: &Path) -> Result<DQuat, LearnerErro
 }
 
 /// The named frame as a valid pose.
-pub(crate) fn frame(
+pub fn frame(
     frames: &BTreeMap<String, FileFrame>,
     name: &str,
     manifold: Manifold,
@@ -320,7 +320,7 @@ pub(crate) fn frame(
 }
 
 /// All frames but the start's and the goal's, as valid poses.
-pub(crate) fn other_frames(
+pub fn other_frames(
     frames: &BTreeMap<String, FileFrame>,
     known: [&str; 2],
     manifold: Manifold,

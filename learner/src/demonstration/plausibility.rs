@@ -81,7 +81,7 @@ fn steps(demonstration: &Demonstration) -> Vec<f64> {
 }
 
 /// Angle between two orientations [rad].
-pub(crate) fn angle(a: &Pose, b: &Pose) -> f64 {
+pub fn angle(a: &Pose, b: &Pose) -> f64 {
     let turn = a.orientation.conjugate() * b.orientation;
     2.0 * turn.xyz().length().atan2(turn.w.abs())
 }

@@ -160,7 +160,7 @@ impl<const N: usize> Shape<N> {
 }
 
 /// A vector along one axis.
-pub(crate) fn axis<const N: usize>(index: usize, length: f64) -> SVector<f64, N> {
+pub fn axis<const N: usize>(index: usize, length: f64) -> SVector<f64, N> {
     SVector::from_fn(|i, _| if i == index { length } else { 0.0 })
 }
 

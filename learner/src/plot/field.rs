@@ -3,8 +3,8 @@
 use contour::ContourBuilder;
 use glam::DVec2;
 
-use super::colour::Scale;
-use super::svg::Panel;
+use tprmp_drawing::colour::Scale;
+use tprmp_drawing::svg::Panel;
 
 /// Side of a cell in which a field is evaluated once [px].
 const CELL_PX: f64 = 4.0;
@@ -16,7 +16,7 @@ const EDGE: &str = "rgba(0,0,0,0.13)";
 
 /// A field's numbers at the centres of cells that cover a panel and a little more.
 #[derive(Debug, Clone)]
-pub(crate) struct Grid {
+pub struct Grid {
     low: DVec2,
     cell: DVec2,
     count: [usize; 2],
@@ -25,7 +25,7 @@ pub(crate) struct Grid {
 
 impl Grid {
     /// Evaluates a field for a panel.
-    pub(crate) fn new(panel: &Panel, mut field: impl FnMut(DVec2) -> f64) -> Self {
+    pub fn new(panel: &Panel, mut field: impl FnMut(DVec2) -> f64) -> Self {
         let [low, high] = panel.range();
         let inner = (panel.size() / CELL_PX).ceil().max(DVec2::splat(2.0));
         let cell = (high - low) / inner;
@@ -41,12 +41,12 @@ impl Grid {
     }
 
     /// Its numbers.
-    pub(crate) fn values(&self) -> impl Iterator<Item = f64> + '_ {
+    pub fn values(&self) -> impl Iterator<Item = f64> + '_ {
         self.values.iter().copied()
     }
 
     /// Draws it as filled contours: each level covers what is above it.
-    pub(crate) fn draw(&self, panel: &mut Panel, scale: &Scale) {
+    pub fn draw(&self, panel: &mut Panel, scale: &Scale) {
         let [low, high] = panel.range();
         let all = [low, DVec2::new(high.x, low.y), high, DVec2::new(low.x, high.y)];
         panel.area([all.as_slice()], &scale.colour(0), "none");
@@ -57,7 +57,7 @@ impl Grid {
     }
 
     /// Draws where it is above a level.
-    pub(crate) fn draw_above(&self, panel: &mut Panel, level: f64, colour: &str) {
+    pub fn draw_above(&self, panel: &mut Panel, level: f64, colour: &str) {
         for rings in self.above(&[level]) {
             panel.area(rings.iter().map(Vec::as_slice), colour, EDGE);
         }
@@ -82,23 +82,23 @@ impl Grid {
 
 /// A field's vectors on a lattice over a panel.
 #[derive(Debug, Clone)]
-pub(crate) struct Arrows(Vec<(DVec2, DVec2)>);
+pub struct Arrows(Vec<(DVec2, DVec2)>);
 
 impl Arrows {
     /// Evaluates a field for a panel.
-    pub(crate) fn new(panel: &Panel, mut field: impl FnMut(DVec2) -> DVec2) -> Self {
+    pub fn new(panel: &Panel, mut field: impl FnMut(DVec2) -> DVec2) -> Self {
         Self(
             lattice(panel, (panel.size() / ARROW_STEP_PX).floor()).map(|p| (p, field(p))).collect(),
         )
     }
 
     /// Their magnitudes.
-    pub(crate) fn magnitudes(&self) -> impl Iterator<Item = f64> + '_ {
+    pub fn magnitudes(&self) -> impl Iterator<Item = f64> + '_ {
         self.0.iter().map(|(_, vector)| vector.length())
     }
 
     /// Draws them, coloured by magnitude; the stronger, the longer.
-    pub(crate) fn draw(&self, panel: &mut Panel, scale: &Scale) {
+    pub fn draw(&self, panel: &mut Panel, scale: &Scale) {
         let [short, long] = ARROW_LENGTHS_PX;
         for (point, vector) in &self.0 {
             let band = scale.band(vector.length());
@@ -111,7 +111,7 @@ impl Arrows {
 }
 
 /// Points in the middle of so many columns and rows of a panel.
-pub(crate) fn lattice(panel: &Panel, count: DVec2) -> impl Iterator<Item = DVec2> + use<> {
+pub fn lattice(panel: &Panel, count: DVec2) -> impl Iterator<Item = DVec2> + use<> {
     let [low, high] = panel.range();
     let count = count.max(DVec2::ONE);
     let (columns, rows) = (count.x as usize, count.y as usize);

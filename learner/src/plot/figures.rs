@@ -6,15 +6,15 @@ use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
 use tprmp_spatial::Pose;
 use tprmp_spatial::rotation::rotation_vector;
 
-use super::canvas::Canvas;
-use super::colour::{BLACK, BLUE, GREY, RED, Scale, of_phase, pale_of_phase};
 use super::field::{Arrows, Grid, lattice};
 use super::forces::{Forces, Share};
-use super::projection::{Ellipsoid, View};
 use super::scene::{SAMPLE_S, Sample, Scene};
-use super::svg::{Figure, INK, Panel, Sign, Stroke, principal_axes};
 use crate::demonstration::Demonstration;
 use crate::mixture::components::Choice;
+use tprmp_drawing::canvas::Canvas;
+use tprmp_drawing::colour::{BLACK, BLUE, GREY, RED, Scale, of_phase, pale_of_phase};
+use tprmp_drawing::projection::{Ellipsoid, View};
+use tprmp_drawing::svg::{Figure, INK, Panel, Sign, Stroke, principal_axes};
 
 /// Standard deviations at which Gaussians are drawn.
 const DEVIATIONS: f64 = 2.0;
@@ -38,7 +38,7 @@ const ROLLOUT: Stroke = Stroke { colour: RED, width: 2.0, dashes: "", rim: true 
 const ROLLOUT_FROM_LATTICE: Stroke = Stroke { colour: BLUE, width: 1.1, dashes: "", rim: true };
 
 /// Demonstrations and their frames, in the robot's base frame.
-pub(crate) fn demonstrations(
+pub fn demonstrations(
     planar: bool,
     shown: &[Demonstration],
     frames: &[(&str, Vec<Pose>)],
@@ -68,7 +68,7 @@ pub(crate) fn demonstrations(
 }
 
 /// Gaussians in canonical coordinates, with the demonstrations there.
-pub(crate) fn gaussians(
+pub fn gaussians(
     planar: bool,
     frames: &[(&str, Pose)],
     demonstrations: &[Vec<Canonical>],
@@ -80,7 +80,7 @@ pub(crate) fn gaussians(
 }
 
 /// What a frame sees: the demonstrations, and the mixture in its coordinates.
-pub(crate) struct SeenFromFrame {
+pub struct SeenFromFrame {
     /// Name of the frame.
     pub name: String,
     /// Positions of each demonstration in the frame [m].
@@ -90,7 +90,7 @@ pub(crate) struct SeenFromFrame {
 }
 
 /// Demonstrations and Gaussians seen from a frame  [thesis fig. 3.2b].
-pub(crate) fn seen_from(planar: bool, seen: &SeenFromFrame) -> Figure {
+pub fn seen_from(planar: bool, seen: &SeenFromFrame) -> Figure {
     let title = format!("Seen from the frame “{}”", seen.name);
     mixture(planar, &title, &[(&seen.name, Pose::IDENTITY)], &seen.paths, &seen.gaussians)
 }
@@ -141,7 +141,7 @@ fn mixture(
 }
 
 /// The rollouts that the pictures of a scene show.
-pub(crate) struct Shown<'a> {
+pub struct Shown<'a> {
     scene: &'a Scene<'a>,
     canvas: Canvas,
     /// From the demonstrated starts.
@@ -152,7 +152,7 @@ pub(crate) struct Shown<'a> {
 
 impl<'a> Shown<'a> {
     /// Computes the rollouts from all demonstrated starts and from a lattice around.
-    pub(crate) fn new(scene: &'a Scene<'a>) -> Self {
+    pub fn new(scene: &'a Scene<'a>) -> Self {
         let points = scene.demonstrations.iter().flatten().map(|pose| pose.position);
         let others = scene.frames.iter().map(|frame| frame.position);
         let others = others.chain([scene.goal.position]);
@@ -173,12 +173,12 @@ impl<'a> Shown<'a> {
     }
 
     /// The rollouts from the demonstrated starts.
-    pub(crate) fn rollouts(&self) -> &[Vec<Pose>] {
+    pub fn rollouts(&self) -> &[Vec<Pose>] {
         &self.rollouts
     }
 
     /// A number as filled contours, with everything over it.
-    pub(crate) fn contours(
+    pub fn contours(
         &self,
         title: &str,
         value: impl Fn(&Sample) -> f64,
@@ -216,12 +216,7 @@ impl<'a> Shown<'a> {
     }
 
     /// A vector as arrows in the slices, with one rollout.
-    pub(crate) fn arrows(
-        &self,
-        title: &str,
-        label: &str,
-        vector: impl Fn(&Sample) -> DVec3,
-    ) -> Figure {
+    pub fn arrows(&self, title: &str, label: &str, vector: impl Fn(&Sample) -> DVec3) -> Figure {
         let mut panels = self.canvas.panels(Some(self.scene.goal.position));
         let mut sample = self.scene.sampler();
         let fields = self.slices(&panels, |view, panel| {
@@ -245,7 +240,7 @@ impl<'a> Shown<'a> {
 
     /// Where each component weighs most, and its part in the force at a point beside the first
     /// demonstration  [thesis fig. 4.3b].
-    pub(crate) fn forces(&self, forces: &Forces) -> Figure {
+    pub fn forces(&self, forces: &Forces) -> Figure {
         let mut panels = self.canvas.panels(None);
         let panel = &mut panels[0];
         let view = self.canvas.views[0];
@@ -352,7 +347,7 @@ fn seen(view: View, path: &[Pose]) -> impl Iterator<Item = DVec2> {
 }
 
 /// A Gaussian of the orientation chart: phase, mean and standard deviations [rad].
-pub(crate) struct OrientationBand {
+pub struct OrientationBand {
     /// Mean phase.
     pub phase: f64,
     /// Mean rotation vector [rad].
@@ -365,7 +360,7 @@ pub(crate) struct OrientationBand {
 ///
 /// * `demonstrations`  in canonical coordinates
 /// * `duration_s`  the time that phase one stands for
-pub(crate) fn orientation(
+pub fn orientation(
     demonstrations: &[Vec<Canonical>],
     rollouts: &[Vec<Pose>],
     goal: &Pose,
@@ -436,7 +431,7 @@ pub(crate) fn orientation(
 }
 
 /// The Bayesian information criterion over the number of Gaussians, the chosen one marked.
-pub(crate) fn choice(choice: &Choice) -> Figure {
+pub fn choice(choice: &Choice) -> Figure {
     const EMPTY: &str = "#c9d1d8";
     let finite = choice.candidates.iter().filter(|candidate| candidate.bic.is_finite());
     let points: Vec<_> = finite.map(|c| (c, DVec2::new(c.components as f64, c.bic))).collect();

@@ -13,7 +13,7 @@ use tprmp_spatial::{MovingPose, Pose};
 
 /// A component's part in the force at a point. Forces are in proportion to each other.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Share {
+pub struct Share {
     /// μ [m].
     pub mean: DVec2,
     /// −w ∇φ.
@@ -24,7 +24,7 @@ pub(crate) struct Share {
 
 /// The components of a planar product of Gaussians in the robot's base frame: the products of what the
 /// frames see.
-pub(crate) struct Forces {
+pub struct Forces {
     field: Box<GaussianField<2>>,
     /// δ.
     huber_threshold: f64,
@@ -46,11 +46,7 @@ struct Term {
 impl Forces {
     /// The components with these frames. `None` when the policy is not a product in the plane, whose
     /// components differ by place and not by phase, or there is no product of the Gaussians.
-    pub(crate) fn new(
-        model: &SkillModel,
-        policy: &policy::Policy,
-        frames: &[Pose],
-    ) -> Option<Self> {
+    pub fn new(model: &SkillModel, policy: &policy::Policy, frames: &[Pose]) -> Option<Self> {
         let (Policy::Thesis(thesis), policy::Policy::Plane(product)) = (&model.policy, policy)
         else {
             return None;
@@ -63,13 +59,13 @@ impl Forces {
     }
 
     /// w_k of each component.
-    pub(crate) fn weights(&self, point: DVec2) -> Vec<f64> {
+    pub fn weights(&self, point: DVec2) -> Vec<f64> {
         let y = Vector2::new(point.x, point.y);
         self.field.weights(&y)[..self.field.components().len()].to_vec()
     }
 
     /// The shares of all components in the force at a point.
-    pub(crate) fn shares(&self, point: DVec2) -> Vec<Share> {
+    pub fn shares(&self, point: DVec2) -> Vec<Share> {
         let terms = self.terms(&Vector2::new(point.x, point.y));
         let sum: f64 = terms.iter().map(|t| t.activation).sum();
         let mean_pull: Vector2<f64> = terms.iter().map(|t| t.pull * (t.activation / sum)).sum();

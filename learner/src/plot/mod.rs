@@ -5,14 +5,10 @@
 //! policy are asked by [`Learned`](crate::certify::policy::Learned). The canonical coordinates are themselves a
 //! place where the frames can be: their mean poses.
 
-mod canvas;
-pub(crate) mod colour;
-pub(crate) mod field;
+pub mod field;
 mod figures;
 mod forces;
-pub(crate) mod projection;
-pub(crate) mod scene;
-pub(crate) mod svg;
+pub mod scene;
 
 use std::path::{Path, PathBuf};
 
@@ -26,11 +22,11 @@ use crate::canonical::{self, mean_pose};
 use crate::demonstration::{self, Demonstration};
 use crate::error::LearnerError;
 use crate::mixture::components::Choice;
-use colour::Scale;
 use figures::{OrientationBand, SeenFromFrame, Shown};
-use projection::Ellipsoid;
 use scene::{Scene, Skill, position_part};
-use svg::{Figure, escape};
+use tprmp_drawing::colour::Scale;
+use tprmp_drawing::projection::Ellipsoid;
+use tprmp_drawing::svg::{Figure, escape};
 
 /// How far frames are moved in the pictures of adaptation, in shares of the way from start to goal:
 /// the start frame to the side, the goal frame on and to the other side.
@@ -130,7 +126,7 @@ fn read_demonstrations(
 }
 
 /// The named frame of a demonstration.
-pub(crate) fn frame_of(model: &SkillModel, shown: &Demonstration, name: &str) -> Option<Pose> {
+pub fn frame_of(model: &SkillModel, shown: &Demonstration, name: &str) -> Option<Pose> {
     match name {
         _ if name == model.goal_frame => Some(shown.goal_frame),
         _ if name == model.start_frame => Some(shown.start),
@@ -148,7 +144,7 @@ fn shown_frames<'a>(model: &'a SkillModel, shown: &[Demonstration]) -> Vec<(&'a 
 ///
 /// # Errors
 /// When the model cannot be evaluated.
-pub(crate) fn gallery(
+pub fn gallery(
     model: &SkillModel,
     shown: &[Demonstration],
 ) -> Result<Vec<(String, String, String)>, EvaluationError> {
@@ -159,7 +155,7 @@ pub(crate) fn gallery(
 }
 
 /// The position parts of a model's Gaussians in canonical coordinates.
-pub(crate) fn gaussians(model: &SkillModel) -> Vec<Ellipsoid> {
+pub fn gaussians(model: &SkillModel) -> Vec<Ellipsoid> {
     let dimension = model.manifold.position_dimension();
     let ellipsoid =
         |g: &skill_model::Gaussian| Ellipsoid::new(dimension, &g.mean, &g.covariance, g.phase);
@@ -463,7 +459,7 @@ fn page_head(model: &SkillModel) -> String {
          {count} demonstrations, K = {components} Gaussians; learned by version {version}, seed \
          {seed}.</p>\n{certificate}<main>\n",
         certificate = verdict(&model.certificate.failures),
-        ink = svg::INK,
+        ink = tprmp_drawing::svg::INK,
         manifold = model.manifold,
         start = escape(&model.start_frame),
         goal = escape(&model.goal_frame),

@@ -10,15 +10,15 @@ use tprmp_rmpflow::policy::{self, PolicyState};
 use tprmp_spatial::{MovingPose, Pose};
 
 use super::forces::Forces;
-use super::projection::Ellipsoid;
 use crate::canonical::pace::Pace;
 use crate::certify::policy::{Learned, Situation};
 use crate::certify::rollout::{Course, acceleration, follow};
+use tprmp_drawing::projection::Ellipsoid;
 
 /// Step of the rollouts [s].
 const STEP_S: f64 = 2e-3;
 /// Time between the poses of a rollout [s], and how many steps that is.
-pub(crate) const SAMPLE_S: f64 = 1e-2;
+pub const SAMPLE_S: f64 = 1e-2;
 const SAMPLE_STEPS: usize = 5;
 /// Bound on the duration of a rollout [s].
 const DURATION_MAX_S: f64 = 20.0;
@@ -30,7 +30,7 @@ const ARRIVED_RAD: f64 = 5e-3;
 /// The position part of a policy at a point, at rest, for an inertia of 1 kg at the goal, at the phase
 /// at which the point is most at home.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Sample {
+pub struct Sample {
     /// Φ above that of the goal [J].
     pub potential: f64,
     /// −∇Φ [N].
@@ -42,7 +42,7 @@ pub(crate) struct Sample {
 }
 
 /// What the pictures of a model are made from.
-pub(crate) struct Skill<'a> {
+pub struct Skill<'a> {
     /// The model.
     pub model: &'a SkillModel,
     /// The map of its frames.
@@ -61,10 +61,7 @@ impl<'a> Skill<'a> {
     ///
     /// # Errors
     /// When start and goal coincide, or the policy cannot be evaluated.
-    pub(crate) fn new(
-        model: &'a SkillModel,
-        position: &'a SkillModel,
-    ) -> Result<Self, EvaluationError> {
+    pub fn new(model: &'a SkillModel, position: &'a SkillModel) -> Result<Self, EvaluationError> {
         Ok(Self {
             model,
             map: model.frame_map()?,
@@ -75,23 +72,23 @@ impl<'a> Skill<'a> {
     }
 
     /// Whether it moves in the plane.
-    pub(crate) fn planar(&self) -> bool {
+    pub fn planar(&self) -> bool {
         self.model.manifold == Manifold::R2
     }
 
     /// Whether start and goal are fixed to the same frame.
-    pub(crate) fn single_frame(&self) -> bool {
+    pub fn single_frame(&self) -> bool {
         self.model.start_frame == self.model.goal_frame
     }
 
     /// Frames in the model's order, as the map takes them in.
-    pub(crate) fn displacement(&self, frames: &[Pose]) -> Displacement {
+    pub fn displacement(&self, frames: &[Pose]) -> Displacement {
         let frames: Vec<_> = frames.iter().copied().map(MovingPose::at_rest).collect();
         self.map.displace(&frames).expect("they are the model's frames")
     }
 
     /// How far it is from the start to the farthest of the other frames [m].
-    pub(crate) fn way(&self) -> f64 {
+    pub fn way(&self) -> f64 {
         let start = DVec3::from_array(self.model.canonical.start.position_m);
         let points = self.map.anchors().iter().map(|anchor| anchor.point);
         points.map(|point| (point - start).length()).fold(0.0, f64::max)
@@ -99,7 +96,7 @@ impl<'a> Skill<'a> {
 }
 
 /// A model without what leads its orientation, where that is a field of its own.
-pub(crate) fn position_part(model: &SkillModel) -> SkillModel {
+pub fn position_part(model: &SkillModel) -> SkillModel {
     let mut part = model.clone();
     if let Policy::Canonical { orientation, .. } = &mut part.policy
         && orientation.take().is_some()
@@ -110,7 +107,7 @@ pub(crate) fn position_part(model: &SkillModel) -> SkillModel {
 }
 
 /// A skill among frames at rest, in the robot's base frame.
-pub(crate) struct Scene<'a> {
+pub struct Scene<'a> {
     /// The skill.
     pub skill: &'a Skill<'a>,
     /// The frames, in the model's order.
@@ -127,7 +124,7 @@ impl<'a> Scene<'a> {
     /// A skill among these frames, in the model's order. Demonstrations and Gaussians, given in
     /// canonical coordinates, are carried there by the frames' map; where the policy has Gaussians of
     /// its own, the products of what the frames see, those are taken.
-    pub(crate) fn new(
+    pub fn new(
         skill: &'a Skill<'a>,
         frames: Vec<Pose>,
         demonstrations: &[Vec<Canonical>],
@@ -161,12 +158,12 @@ impl<'a> Scene<'a> {
     }
 
     /// The components of the field of a planar skill.
-    pub(crate) fn forces(&self) -> Option<Forces> {
+    pub fn forces(&self) -> Option<Forces> {
         Forces::new(self.skill.model, self.skill.policy.policy(), &self.frames)
     }
 
     /// Evaluates the position part at points, the tool turned as at the goal.
-    pub(crate) fn sampler(&self) -> impl FnMut(DVec3) -> Sample {
+    pub fn sampler(&self) -> impl FnMut(DVec3) -> Sample {
         let goal = self.goal;
         let manifold = self.skill.position_manifold;
         let mut situation = self.skill.position.situation(&self.frames);
@@ -175,7 +172,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Paths from these starts at rest, in their order, a pose every [`SAMPLE_S`].
-    pub(crate) fn rollouts(&self, starts: &[Pose]) -> Vec<Vec<Pose>> {
+    pub fn rollouts(&self, starts: &[Pose]) -> Vec<Vec<Pose>> {
         let way = self.skill.way();
         let rollout = |start: &Pose| {
             let course = Course {

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 use nalgebra::SMatrix;
 use tprmp_rmpflow::policy;
-use tprmp_rmpflow::policy::canonical::frame_map::{self, Anchor, FrameMap, FrameMapError};
+use tprmp_rmpflow::policy::canonical::frame_map::{Anchor, FrameMap, FrameMapError};
 use tprmp_rmpflow::policy::canonical::skill::{PositionField, Skill};
 use tprmp_rmpflow::policy::thesis::gaussian_product::PoseGaussian;
 use tprmp_rmpflow::policy::thesis::product_skill::{

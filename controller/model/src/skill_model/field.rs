@@ -3,7 +3,6 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{SMatrix, SVector};
 use tprmp_rmpflow::policy::canonical::field::{self, Field};
-use tprmp_rmpflow::policy::canonical::frame_map;
 
 use super::{Component, FieldModel, Pose};
 

@@ -34,7 +34,7 @@ use glam::{DMat3, DQuat, DVec3};
 use crate::policy::canonical::adaptation::Adaptation;
 use crate::policy::thesis::product_skill::FRAME_CAPACITY;
 use tprmp_spatial::jet::{Jet, Quat, Real, Vec3};
-use tprmp_spatial::rotation::{inverse_left_jacobian, rotation_vector};
+use tprmp_spatial::rotation::inverse_left_jacobian;
 use tprmp_spatial::{MovingPose, Pose};
 
 /// Frames rule at phases that lie at least this far apart: between them space moves with the change of

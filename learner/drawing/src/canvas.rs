@@ -3,9 +3,9 @@
 use glam::{DVec2, DVec3};
 use tprmp_spatial::Pose;
 
-use super::colour::{AXES, GREY, Scale};
-use super::projection::{Bounds, PLANE, SPACE, View};
-use super::svg::{Figure, Panel, Sign, Stroke, number, ticks_of_length};
+use crate::colour::{AXES, GREY, Scale};
+use crate::projection::{Bounds, PLANE, SPACE, View};
+use crate::svg::{Figure, Panel, Sign, Stroke, number, ticks_of_length};
 
 /// Longest side of the axes of a planar and of a spatial skill [px].
 const SIDES_PX: [f64; 2] = [620.0, 360.0];
@@ -16,7 +16,7 @@ const ROOM_MAX_PX: f64 = 14.0;
 
 /// A skill's views and the space that they show.
 #[derive(Clone, Copy)]
-pub(crate) struct Canvas {
+pub struct Canvas {
     /// The views.
     pub views: &'static [View],
     space: Bounds,
@@ -25,7 +25,7 @@ pub(crate) struct Canvas {
 impl Canvas {
     /// For a planar or a spatial skill, around points, with a margin that is a share of the longest
     /// side.
-    pub(crate) fn new(planar: bool, points: impl IntoIterator<Item = DVec3>, margin: f64) -> Self {
+    pub fn new(planar: bool, points: impl IntoIterator<Item = DVec3>, margin: f64) -> Self {
         let views = if planar { PLANE } else { SPACE };
         Self { views, space: Bounds::around(planar, points, margin) }
     }
@@ -35,13 +35,13 @@ impl Canvas {
     }
 
     /// Picks the value for planar or spatial skills.
-    pub(crate) fn choose(&self, of: [f64; 2]) -> f64 {
+    pub fn choose(&self, of: [f64; 2]) -> f64 {
         of[usize::from(!self.planar())]
     }
 
     /// A panel for each view, all with the same scale. `slice`: the point through which fields are
     /// cut.
-    pub(crate) fn panels(&self, slice: Option<DVec3>) -> Vec<Panel> {
+    pub fn panels(&self, slice: Option<DVec3>) -> Vec<Panel> {
         let sides = self.views.iter().map(|view| {
             let [low, high] = view.range(&self.space);
             (high - low).max_element()
@@ -69,7 +69,7 @@ impl Canvas {
     }
 
     /// Panels in rows of two.
-    pub(crate) fn figure(
+    pub fn figure(
         &self,
         title: String,
         legend: &[(&str, Sign)],
@@ -82,12 +82,12 @@ impl Canvas {
     }
 
     /// The sign of a frame.
-    pub(crate) fn frame_sign(&self) -> Sign {
+    pub fn frame_sign(&self) -> Sign {
         Sign::Frame(if self.planar() { &AXES[..2] } else { &AXES })
     }
 
     /// Middle and end of each axis of a frame, as they are seen.
-    pub(crate) fn axes(&self, view: View, frame: &Pose) -> Vec<DVec2> {
+    pub fn axes(&self, view: View, frame: &Pose) -> Vec<DVec2> {
         let side = (self.space.high - self.space.low).max_element();
         let count = if self.planar() { 2 } else { 3 };
         let on_axis = |axis: DVec3| {
@@ -98,7 +98,7 @@ impl Canvas {
     }
 
     /// Draws the axes of a frame.
-    pub(crate) fn frame(&self, panel: &mut Panel, view: View, frame: &Pose) {
+    pub fn frame(&self, panel: &mut Panel, view: View, frame: &Pose) {
         for (points, colour) in self.axes(view, frame).chunks(2).zip(AXES) {
             let stroke = Stroke { colour, width: 2.4, dashes: "", rim: false };
             panel.line([view.point(frame.position), points[1]], &stroke);
@@ -106,7 +106,7 @@ impl Canvas {
     }
 
     /// Writes the name of frames beside them, where most room is left between what is in the way.
-    pub(crate) fn name(
+    pub fn name(
         &self,
         panel: &mut Panel,
         view: View,

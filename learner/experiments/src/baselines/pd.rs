@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::sampled;
-use crate::experiments::follower::{Follower, Moment, Wish, point_wish};
+use crate::follower::{Follower, Moment, Wish, point_wish};
 
 /// Stiffness of the one that is done right [1/s²]; critically damped.
 const STIFFNESS_1_S2: f64 = 100.0;

@@ -1,4 +1,4 @@
-//! Figures of Gaussians and fields, drawn by [`plot`](crate::plot).
+//! Figures of Gaussians and fields, drawn by [`plot`](tprmp_learner::plot).
 
 use glam::{DMat2, DVec2};
 use rayon::prelude::*;
@@ -6,14 +6,14 @@ use tprmp_model::skill_model::{Manifold, SkillModel};
 
 use super::paths::{grid, panel, points};
 use super::{Picture, Run};
-use crate::canonical::pace::Pace;
-use crate::experiments::dataset::SkillSet;
-use crate::experiments::models::Kind;
-use crate::plot::colour::{Scale, of_phase};
-use crate::plot::field::Grid;
-use crate::plot::gallery;
-use crate::plot::scene::{Scene, Skill, position_part};
-use crate::plot::svg::{Panel, Sign, Stroke};
+use crate::dataset::SkillSet;
+use crate::models::Kind;
+use tprmp_drawing::colour::{Scale, of_phase};
+use tprmp_drawing::svg::{Panel, Sign, Stroke};
+use tprmp_learner::canonical::pace::Pace;
+use tprmp_learner::plot::field::Grid;
+use tprmp_learner::plot::gallery;
+use tprmp_learner::plot::scene::{Scene, Skill, position_part};
 
 /// Which pictures of a model make a figure, by their names.
 const OF_PLANE: [(&str, &[&str]); 3] = [
@@ -89,9 +89,9 @@ fn with_scene<T>(model: &SkillModel, set: &SkillSet, draw: impl FnOnce(&Scene) -
     let frames = model
         .frames
         .iter()
-        .map(|frame| crate::plot::frame_of(model, shown, &frame.name))
+        .map(|frame| tprmp_learner::plot::frame_of(model, shown, &frame.name))
         .collect::<Option<Vec<_>>>()?;
-    let gaussians = crate::plot::gaussians(model);
+    let gaussians = tprmp_learner::plot::gaussians(model);
     Some(draw(&Scene::new(&skill, frames, &[], &gaussians, &Pace::even())))
 }
 
@@ -177,17 +177,17 @@ fn shapes(run: &Run, set: &SkillSet) -> Vec<Picture> {
             background(&mut panel, scene, false);
             ellipses(&mut panel, scene);
             path(&mut panel, set);
-            let ratio = |g: &crate::plot::projection::Ellipsoid| {
+            let ratio = |g: &tprmp_drawing::projection::Ellipsoid| {
                 let c = g.covariance;
                 let flat = DMat2::from_cols(
                     DVec2::new(c.x_axis.x, c.x_axis.y),
                     DVec2::new(c.y_axis.x, c.y_axis.y),
                 );
-                let (axes, _) = crate::plot::svg::principal_axes(flat);
+                let (axes, _) = tprmp_drawing::svg::principal_axes(flat);
                 axes.x / axes.y.max(1e-9)
             };
             let all: Vec<f64> = scene.gaussians.iter().map(ratio).collect();
-            (panel, crate::experiments::metric::quantile(&all, 0.5).unwrap_or(f64::NAN))
+            (panel, crate::metric::quantile(&all, 0.5).unwrap_or(f64::NAN))
         });
         if let Some((panel, ratio)) = drawn {
             panels.push(panel);

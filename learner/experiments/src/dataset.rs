@@ -12,11 +12,11 @@ use serde::Deserialize;
 use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::Pose;
 
-use crate::canonical::moving_ranges;
-use crate::demonstration::{Demonstration, SCHEMA, read};
-use crate::error::{LearnerError, read_text};
-use crate::import::{Selection, load};
-use crate::skill::Skill;
+use tprmp_learner::canonical::moving_ranges;
+use tprmp_learner::demonstration::{Demonstration, SCHEMA, read};
+use tprmp_learner::error::{LearnerError, read_text};
+use tprmp_learner::import::{Selection, load};
+use tprmp_learner::skill::Skill;
 
 /// Of two kinds of grasp in one file the first is taken: they are two skills.
 const TAG: &str = "pick_top";

@@ -25,10 +25,10 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use tprmp_model::skill_model::Manifold;
 
-use crate::error::LearnerError;
 use dataset::{SkillSet, read_dataset};
 use models::{Kind, SkillFiles, train_all};
 use protocol::{Bench, Extent};
+use tprmp_learner::error::LearnerError;
 
 /// Where the shipped planar skills are, in the configuration folder.
 const SHIPPED: &str = "demonstrations/drawings";

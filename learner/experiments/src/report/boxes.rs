@@ -3,11 +3,11 @@
 use glam::DVec2;
 
 use super::{Picture, Run};
-use crate::experiments::metric::quantile;
-use crate::experiments::published::{Published, at, published};
-use crate::experiments::results::Row;
-use crate::plot::colour::{BLUE, GREY, RED};
-use crate::plot::svg::{Figure, Panel, Sign, Stroke};
+use crate::metric::quantile;
+use crate::published::{Published, at, published};
+use crate::results::Row;
+use tprmp_drawing::colour::{BLUE, GREY, RED};
+use tprmp_drawing::svg::{Figure, Panel, Sign, Stroke};
 
 const ORANGE: &str = "#d98200";
 const GREEN: &str = "#009e73";
@@ -289,7 +289,7 @@ impl Boxes {
                     let here = quantile(&own, 0.5)?;
                     Some(format!(
                         "{here:.3} ({median:.3}) at {}{}",
-                        crate::plot::svg::number(x),
+                        tprmp_drawing::svg::number(x),
                         self.unit
                     ))
                 })

@@ -7,7 +7,7 @@ const SIDE_SHARE_MIN: f64 = 0.3;
 
 /// A parallel projection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum View {
+pub enum View {
     /// Along an axis: these two coordinates, to the right and up.
     Along([usize; 2]),
     /// Isometric, from where x and z are large and y is small.
@@ -15,9 +15,9 @@ pub(crate) enum View {
 }
 
 /// The views of a planar skill.
-pub(crate) const PLANE: &[View] = &[View::Along([0, 1])];
+pub const PLANE: &[View] = &[View::Along([0, 1])];
 /// The views of a spatial skill: front and side, plan and corner below.
-pub(crate) const SPACE: &[View] =
+pub const SPACE: &[View] =
     &[View::Along([0, 2]), View::Along([1, 2]), View::Along([0, 1]), View::Corner];
 
 impl View {
@@ -32,13 +32,13 @@ impl View {
     }
 
     /// Where a point is seen.
-    pub(crate) fn point(self, p: DVec3) -> DVec2 {
+    pub fn point(self, p: DVec3) -> DVec2 {
         let [right, up] = self.directions();
         DVec2::new(right.dot(p), up.dot(p))
     }
 
     /// What a covariance looks like: P C Pᵀ, whose ellipses are the outlines of the ellipsoids.
-    pub(crate) fn covariance(self, c: DMat3) -> DMat2 {
+    pub fn covariance(self, c: DMat3) -> DMat2 {
         let [right, up] = self.directions();
         let (cr, cu) = (c * right, c * up);
         DMat2::from_cols(
@@ -48,13 +48,13 @@ impl View {
     }
 
     /// The point of a slice that is seen at `seen`; what the view does not show is that of `plane`.
-    pub(crate) fn on_slice(self, seen: DVec2, plane: DVec3) -> DVec3 {
+    pub fn on_slice(self, seen: DVec2, plane: DVec3) -> DVec3 {
         let [right, up] = self.directions();
         plane + right * (seen.x - right.dot(plane)) + up * (seen.y - up.dot(plane))
     }
 
     /// The coordinate that is not seen; `None` in the isometric view.
-    pub(crate) fn depth(self) -> Option<usize> {
+    pub fn depth(self) -> Option<usize> {
         match self {
             Self::Along([a, b]) => Some(3 - a - b),
             Self::Corner => None,
@@ -62,7 +62,7 @@ impl View {
     }
 
     /// What is seen of a box.
-    pub(crate) fn range(self, space: &Bounds) -> [DVec2; 2] {
+    pub fn range(self, space: &Bounds) -> [DVec2; 2] {
         let corners = space.corners().map(|corner| self.point(corner));
         [
             corners.into_iter().fold(DVec2::INFINITY, DVec2::min),
@@ -73,7 +73,7 @@ impl View {
 
 /// A Gaussian over positions [m].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Ellipsoid {
+pub struct Ellipsoid {
     /// Mean [m].
     pub mean: DVec3,
     /// Covariance [m²].
@@ -85,7 +85,7 @@ pub(crate) struct Ellipsoid {
 impl Ellipsoid {
     /// The position part of a Gaussian of a model, `mean` of two or three coordinates at least, of
     /// which the first `dimension` are the position's.
-    pub(crate) fn new(dimension: usize, mean: &[f64], covariance: &[Vec<f64>], phase: f64) -> Self {
+    pub fn new(dimension: usize, mean: &[f64], covariance: &[Vec<f64>], phase: f64) -> Self {
         let mut ellipsoid = Self { mean: DVec3::ZERO, covariance: DMat3::ZERO, phase };
         for (i, row) in covariance.iter().enumerate().take(dimension) {
             ellipsoid.mean[i] = mean[i];
@@ -97,7 +97,7 @@ impl Ellipsoid {
     }
 
     /// Ends of the box around `deviations` of it.
-    pub(crate) fn ends(&self, deviations: f64) -> [DVec3; 2] {
+    pub fn ends(&self, deviations: f64) -> [DVec3; 2] {
         let c = self.covariance;
         let half = DVec3::new(c.x_axis.x.sqrt(), c.y_axis.y.sqrt(), c.z_axis.z.sqrt());
         [self.mean - half * deviations, self.mean + half * deviations]
@@ -106,7 +106,7 @@ impl Ellipsoid {
 
 /// A box in space.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Bounds {
+pub struct Bounds {
     /// Least coordinates [m].
     pub low: DVec3,
     /// Largest coordinates [m].
@@ -116,11 +116,7 @@ pub(crate) struct Bounds {
 impl Bounds {
     /// Around points of the plane or of space, with a margin that is a share of the largest side. No
     /// side is so thin that its axis could not be read; in the plane there is no height.
-    pub(crate) fn around(
-        planar: bool,
-        points: impl IntoIterator<Item = DVec3>,
-        margin: f64,
-    ) -> Self {
+    pub fn around(planar: bool, points: impl IntoIterator<Item = DVec3>, margin: f64) -> Self {
         let ends = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let (low, high) = points.into_iter().fold(ends, |(low, high), p| (low.min(p), high.max(p)));
         let side = (high - low).max_element();
@@ -133,7 +129,7 @@ impl Bounds {
     }
 
     /// Its eight corners.
-    pub(crate) fn corners(&self) -> [DVec3; 8] {
+    pub fn corners(&self) -> [DVec3; 8] {
         std::array::from_fn(|i| {
             let pick = |axis: usize| if i >> axis & 1 == 1 { self.high } else { self.low };
             DVec3::new(pick(0).x, pick(1).y, pick(2).z)
@@ -144,7 +140,7 @@ impl Bounds {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plot::svg::principal_axes;
+    use crate::svg::principal_axes;
 
     /// The projected ellipsoid and the ellipse of the projected covariance reach equally far in
     /// every direction, and no point of the one lies outside the other.

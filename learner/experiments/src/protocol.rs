@@ -17,9 +17,9 @@ use super::models::{Kind, Models, space};
 use super::progress;
 use super::results::{Row, finite};
 use super::world::{Ball, Course, GoalMotion, Push, Trace, run};
-use crate::canonical::mean_goal;
-use crate::canonical::running_mean::running_mean;
-use crate::skill::RunningMean;
+use tprmp_learner::canonical::mean_goal;
+use tprmp_learner::canonical::running_mean::running_mean;
+use tprmp_learner::skill::RunningMean;
 
 /// Step of all rollouts, as in the thesis [s].
 pub const STEP_S: f64 = 0.01;
@@ -506,7 +506,7 @@ impl Bench<'_> {
     pub fn regulator(&self, set: &SkillSet) -> Option<Lqr> {
         let count = self.count(set.manifold, Kind::Thesis);
         let model = &self.models.get(Kind::Thesis, count, &set.name)?.model;
-        let duration = |d: &crate::demonstration::Demonstration| {
+        let duration = |d: &tprmp_learner::demonstration::Demonstration| {
             (d.poses.len() - 1) as f64 * d.sampling_time_s
         };
         let duration_s =

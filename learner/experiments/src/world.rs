@@ -393,7 +393,7 @@ fn own_error(follower: &mut dyn Follower, frames: &[MovingPose], pose: &Pose, go
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiments::follower::{Wish, point_wish};
+    use crate::follower::{Wish, point_wish};
 
     /// A critically damped spring to the goal frame's origin.
     struct Spring;
@@ -402,8 +402,8 @@ mod tests {
         fn evaluate(&mut self, now: &Moment) -> Wish {
             let goal = now.frames[1];
             let away = now.pose.position - goal.pose.position;
-            let rate = now.linear - goal.linear_velocity;
-            let wish = point_wish(goal.linear_acceleration - away * 25.0 - rate * 10.0);
+            let rate = now.linear - goal.velocity.linear;
+            let wish = point_wish(goal.acceleration.linear - away * 25.0 - rate * 10.0);
             let energy = INERTIA_KG * (12.5 * away.length_squared() + 0.5 * rate.length_squared());
             Wish { energy, ..wish }
         }

@@ -6,12 +6,12 @@ use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::MovingPose;
 
 use super::{Picture, Run};
-use crate::experiments::dataset::SkillSet;
-use crate::experiments::models::Kind;
-use crate::experiments::protocol::{Bench, Case, Compared};
-use crate::experiments::world::Trace;
-use crate::plot::colour::{BLUE, GREY, RED};
-use crate::plot::svg::{Figure, Panel, Sign, Stroke};
+use crate::dataset::SkillSet;
+use crate::models::Kind;
+use crate::protocol::{Bench, Case, Compared};
+use crate::world::Trace;
+use tprmp_drawing::colour::{BLUE, GREY, RED};
+use tprmp_drawing::svg::{Figure, Panel, Sign, Stroke};
 
 /// Skills in a row, and the side of a panel [px].
 const COLUMNS: usize = 5;

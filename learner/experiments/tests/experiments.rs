@@ -1,28 +1,28 @@
-//! `learner experiments` as a user meets it: errors, and that data sets of every layout are read.
+//! `experiments` as a user meets it: errors, and that data sets of every layout are read.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use tprmp_learner::experiments::baselines::{Dmp, Lqr, Pd};
-use tprmp_learner::experiments::dataset::{SkillSet, read_dataset};
-use tprmp_learner::experiments::protocol::shown_course;
-use tprmp_learner::experiments::world::{Course, run};
+use tprmp_experiments::baselines::{Dmp, Lqr, Pd};
+use tprmp_experiments::dataset::{SkillSet, read_dataset};
+use tprmp_experiments::protocol::shown_course;
+use tprmp_experiments::world::{Course, run};
 use tprmp_learner::skill::Skill;
 use tprmp_learner::train::learn;
 
-#[path = "common/folder.rs"]
+#[path = "../../tests/common/folder.rs"]
 mod folder;
 use folder::Folder;
 
-const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../config");
+const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config");
 
 fn config(path: &str) -> PathBuf {
     Path::new(CONFIG).join(path)
 }
 
 fn experiments(arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_learner"));
-    command.arg("experiments").args(arguments).args(["--config", CONFIG]).output().unwrap()
+    let mut command = Command::new(env!("CARGO_BIN_EXE_experiments"));
+    command.args(arguments).args(["--config", CONFIG]).output().unwrap()
 }
 
 fn skill(name: &str) -> SkillSet {

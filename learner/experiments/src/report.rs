@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::protocol::{Bench, Case};
 use super::results::Row;
 use super::verdict::Verdict;
-use crate::plot::svg::{INK, escape};
+use tprmp_drawing::svg::{INK, escape};
 
 mod boxes;
 mod fields;

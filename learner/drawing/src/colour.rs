@@ -2,15 +2,15 @@
 
 use glam::DVec3;
 
-use super::svg::nice_step;
+use crate::svg::nice_step;
 
 /// Colours that people with any colour vision can tell apart [Okabe and Ito].
-pub(crate) const BLUE: &str = "#0072b2";
-pub(crate) const RED: &str = "#c2291f";
-pub(crate) const BLACK: &str = "#1a1a1a";
-pub(crate) const GREY: &str = "#8a97a2";
+pub const BLUE: &str = "#0072b2";
+pub const RED: &str = "#c2291f";
+pub const BLACK: &str = "#1a1a1a";
+pub const GREY: &str = "#8a97a2";
 /// Axes of a frame: x, y, z.
-pub(crate) const AXES: [&str; 3] = ["#d62728", "#2ca02c", "#1f5fd6"];
+pub const AXES: [&str; 3] = ["#d62728", "#2ca02c", "#1f5fd6"];
 
 /// The colour map viridis in equal steps [van der Walt and Smith].
 const VIRIDIS: [[u8; 3]; 9] = [
@@ -45,18 +45,18 @@ fn viridis(share: f64, white: f64) -> String {
 }
 
 /// The colour of a phase from 0 to 1, dark to light but never too light for a line.
-pub(crate) fn of_phase(phase: f64) -> String {
+pub fn of_phase(phase: f64) -> String {
     viridis(0.88 * phase.clamp(0.0, 1.0), 0.0)
 }
 
 /// The colour of a phase for areas, on which lines stand out.
-pub(crate) fn pale_of_phase(phase: f64) -> String {
+pub fn pale_of_phase(phase: f64) -> String {
     viridis(0.88 * phase.clamp(0.0, 1.0), 0.55)
 }
 
 /// Bands of values and their colours: the larger, the darker.
 #[derive(Debug, Clone)]
-pub(crate) struct Scale {
+pub struct Scale {
     levels: Vec<f64>,
     label: String,
     kind: Kind,
@@ -72,19 +72,19 @@ enum Kind {
 
 impl Scale {
     /// For areas of these values, which have a minimum at zero: equal steps of their roots.
-    pub(crate) fn areas_of_roots(values: impl IntoIterator<Item = f64>, label: &str) -> Self {
+    pub fn areas_of_roots(values: impl IntoIterator<Item = f64>, label: &str) -> Self {
         let (low, high) = extent(values);
         Self { levels: squares(low, high), label: label.into(), kind: Kind::Areas }
     }
 
     /// For areas of these positive values: equal ratios where they span a large one.
-    pub(crate) fn areas_of_ratios(values: impl IntoIterator<Item = f64>, label: &str) -> Self {
+    pub fn areas_of_ratios(values: impl IntoIterator<Item = f64>, label: &str) -> Self {
         let (low, high) = extent(values);
         Self { levels: ratios(low, high), label: label.into(), kind: Kind::Areas }
     }
 
     /// For lines of these magnitudes.
-    pub(crate) fn lines(values: impl IntoIterator<Item = f64>, label: &str) -> Self {
+    pub fn lines(values: impl IntoIterator<Item = f64>, label: &str) -> Self {
         let (low, high) = extent(values);
         // What is smaller than this looks the same.
         let low = low.max(1e-2 * high);
@@ -92,34 +92,34 @@ impl Scale {
     }
 
     /// For phases from 0 to 1.
-    pub(crate) fn phases() -> Self {
+    pub fn phases() -> Self {
         let levels = (0..=20).map(|i| f64::from(i) / 20.0).collect();
         Self { levels, label: "phase".into(), kind: Kind::Phases }
     }
 
     /// Ends of the bands, ascending.
-    pub(crate) fn levels(&self) -> &[f64] {
+    pub fn levels(&self) -> &[f64] {
         &self.levels
     }
 
     /// What the values are.
-    pub(crate) fn label(&self) -> &str {
+    pub fn label(&self) -> &str {
         &self.label
     }
 
     /// How many bands there are.
-    pub(crate) fn bands(&self) -> usize {
+    pub fn bands(&self) -> usize {
         self.levels.len() - 1
     }
 
     /// The band of a value; the outermost ones reach to infinity.
-    pub(crate) fn band(&self, value: f64) -> usize {
+    pub fn band(&self, value: f64) -> usize {
         let inner = &self.levels[1..self.levels.len() - 1];
         inner.partition_point(|level| *level <= value)
     }
 
     /// The colour of a band.
-    pub(crate) fn colour(&self, band: usize) -> String {
+    pub fn colour(&self, band: usize) -> String {
         let share = (band as f64 + 0.5) / self.bands() as f64;
         match self.kind {
             Kind::Areas => viridis(1.0 - share, PALE),

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::LearnerError;
+use tprmp_learner::error::LearnerError;
 
 /// What one rollout, or one measurement, gave. A length that is not finite (a body that diverged) is
 /// `null` in the file.

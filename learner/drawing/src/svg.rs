@@ -6,10 +6,10 @@ use std::fmt::Write as _;
 
 use glam::{DMat2, DVec2};
 
-use super::colour::Scale;
+use crate::colour::Scale;
 
 /// Colour of text and axes.
-pub(crate) const INK: &str = "#22303c";
+pub const INK: &str = "#22303c";
 const FAINT: &str = "#e3e8ec";
 const AXIS: &str = "#8a97a2";
 /// Room around the axes of a panel [px].
@@ -32,7 +32,7 @@ const POINT_STEP: f64 = 1.2;
 
 /// How a line is drawn.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Stroke {
+pub struct Stroke {
     /// Colour.
     pub colour: &'static str,
     /// Width [px].
@@ -45,7 +45,7 @@ pub(crate) struct Stroke {
 
 /// A sign of the legend.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Sign {
+pub enum Sign {
     /// A line.
     Line(Stroke),
     /// An outline, filled faintly.
@@ -60,7 +60,7 @@ pub(crate) enum Sign {
 
 /// One pair of axes.
 #[derive(Debug, Clone)]
-pub(crate) struct Panel {
+pub struct Panel {
     title: String,
     labels: [String; 2],
     low: DVec2,
@@ -75,56 +75,46 @@ pub(crate) struct Panel {
 
 impl Panel {
     /// Axes of equal scale, `pixels` in a unit.
-    pub(crate) fn map(
-        title: &str,
-        labels: [&str; 2],
-        [low, high]: [DVec2; 2],
-        pixels: f64,
-    ) -> Self {
+    pub fn map(title: &str, labels: [&str; 2], [low, high]: [DVec2; 2], pixels: f64) -> Self {
         let scale = DVec2::splat(pixels);
         let labels = labels.map(Into::into);
         Self { title: title.into(), labels, low, high, scale, ticks: true, parts: <_>::default() }
     }
 
     /// Axes of a size in pixels, each with its own scale.
-    pub(crate) fn graph(
-        title: &str,
-        labels: [&str; 2],
-        [low, high]: [DVec2; 2],
-        size: DVec2,
-    ) -> Self {
+    pub fn graph(title: &str, labels: [&str; 2], [low, high]: [DVec2; 2], size: DVec2) -> Self {
         Self { scale: size / (high - low), ..Self::map(title, labels, [low, high], 1.0) }
     }
 
     /// Leaves ticks, grid and labels away.
-    pub(crate) fn without_ticks(mut self) -> Self {
+    pub fn without_ticks(mut self) -> Self {
         self.ticks = false;
         self
     }
 
     /// Size of the axes [px].
-    pub(crate) fn size(&self) -> DVec2 {
+    pub fn size(&self) -> DVec2 {
         (self.high - self.low) * self.scale
     }
 
     /// Lower left and upper right end of the axes.
-    pub(crate) fn range(&self) -> [DVec2; 2] {
+    pub fn range(&self) -> [DVec2; 2] {
         [self.low, self.high]
     }
 
     /// Pixels in a unit.
-    pub(crate) fn scale(&self) -> DVec2 {
+    pub fn scale(&self) -> DVec2 {
         self.scale
     }
 
     /// Where a point lies, from the upper left corner of the axes [px].
-    pub(crate) fn at(&self, point: DVec2) -> DVec2 {
+    pub fn at(&self, point: DVec2) -> DVec2 {
         let p = (point - self.low) * self.scale;
         DVec2::new(p.x, self.size().y - p.y)
     }
 
     /// An area inside closed rings by the even-odd rule, below everything else.
-    pub(crate) fn area<'a>(
+    pub fn area<'a>(
         &mut self,
         rings: impl IntoIterator<Item = &'a [DVec2]>,
         fill: &str,
@@ -148,7 +138,7 @@ impl Panel {
     }
 
     /// A line through points.
-    pub(crate) fn line(&mut self, points: impl IntoIterator<Item = DVec2>, stroke: &Stroke) {
+    pub fn line(&mut self, points: impl IntoIterator<Item = DVec2>, stroke: &Stroke) {
         let points = joined(&self.thinned(points));
         let mut draw = |colour: &str, width: f64, dashes: &str, opacity: f64| {
             writeln!(
@@ -171,13 +161,13 @@ impl Panel {
     }
 
     /// A closed band, filled faintly.
-    pub(crate) fn band(&mut self, points: impl IntoIterator<Item = DVec2>, colour: &str) {
+    pub fn band(&mut self, points: impl IntoIterator<Item = DVec2>, colour: &str) {
         let points = joined(&self.thinned(points));
         self.add(format!("<polygon points=\"{points}\" fill=\"{colour}\" fill-opacity=\"0.2\"/>"));
     }
 
     /// The ellipse {c + v : vᵀ C⁻¹ v ≤ n²} of a covariance C, `fill` from 0 to 1.
-    pub(crate) fn ellipse(
+    pub fn ellipse(
         &mut self,
         centre: DVec2,
         covariance: DMat2,
@@ -200,19 +190,19 @@ impl Panel {
     }
 
     /// A dot of a radius in pixels.
-    pub(crate) fn dot(&mut self, centre: DVec2, radius: f64, colour: &str) {
+    pub fn dot(&mut self, centre: DVec2, radius: f64, colour: &str) {
         let c = self.at(centre);
         self.add(dot(c, radius, colour));
     }
 
     /// The sign of the goal.
-    pub(crate) fn star(&mut self, centre: DVec2) {
+    pub fn star(&mut self, centre: DVec2) {
         let c = self.at(centre);
         self.add(star(c));
     }
 
     /// An arrow around a point, `vector` in pixels to the right and up.
-    pub(crate) fn arrow(&mut self, centre: DVec2, vector: DVec2, colour: &str) {
+    pub fn arrow(&mut self, centre: DVec2, vector: DVec2, colour: &str) {
         let half = DVec2::new(vector.x, -vector.y) * 0.5;
         let c = self.at(centre);
         let (tail, tip, side) = (c - half, c + half, half.perp() * 0.42);
@@ -226,12 +216,12 @@ impl Panel {
 
     /// Words, moved `offset` pixels to the right and down, on a white rim; they may lie outside the
     /// axes. `anchor`: `start`, `middle` or `end`.
-    pub(crate) fn words(&mut self, point: DVec2, offset: DVec2, anchor: &str, words: &str) {
+    pub fn words(&mut self, point: DVec2, offset: DVec2, anchor: &str, words: &str) {
         self.label(self.at(point) + offset, anchor, words);
     }
 
     /// Words at a point in pixels from the upper left corner of the axes.
-    pub(crate) fn label(&mut self, p: DVec2, anchor: &str, words: &str) {
+    pub fn label(&mut self, p: DVec2, anchor: &str, words: &str) {
         writeln!(
             self.parts[2],
             "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\" stroke=\"white\" \
@@ -350,7 +340,7 @@ fn tick_line(from: DVec2, to: DVec2, tick: DVec2, filled: bool) -> String {
 
 /// Panels in rows, with what they share.
 #[derive(Debug, Clone)]
-pub(crate) struct Figure {
+pub struct Figure {
     /// Title.
     pub title: String,
     /// What the signs mean.
@@ -363,7 +353,7 @@ pub(crate) struct Figure {
 
 impl Figure {
     /// The SVG document.
-    pub(crate) fn svg(&self) -> String {
+    pub fn svg(&self) -> String {
         let column = |i: usize| {
             let widths = self.rows.iter().filter_map(|row| row.get(i)).map(|panel| panel.outer().x);
             widths.fold(0.0, f64::max)
@@ -526,7 +516,7 @@ fn bar_svg(scale: &Scale, at: DVec2, height: f64) -> String {
 }
 
 /// Standard deviations along the principal axes, and the angle of the first axis [rad].
-pub(crate) fn principal_axes(covariance: DMat2) -> (DVec2, f64) {
+pub fn principal_axes(covariance: DMat2) -> (DVec2, f64) {
     let (a, b, c) = (covariance.x_axis.x, covariance.x_axis.y, covariance.y_axis.y);
     let (mean, radius) = (0.5 * (a + c), (0.5 * (a - c)).hypot(b));
     let variances = DVec2::new(mean + radius, (mean - radius).max(0.0));
@@ -546,7 +536,7 @@ fn ticks_that_fit(low: f64, high: f64, length: f64) -> Vec<f64> {
 
 /// Ticks of an axis of a length [px] whose numbers stand above each other: two at least, where there
 /// is room.
-pub(crate) fn ticks_of_length(low: f64, high: f64, length: f64) -> Vec<f64> {
+pub fn ticks_of_length(low: f64, high: f64, length: f64) -> Vec<f64> {
     let denser = [38.0, 28.0, 18.0].map(|apart| ticks(low, high, length / apart));
     let [sparse, ..] = &denser;
     denser.iter().find(|ticks| ticks.len() > 1).unwrap_or(sparse).clone()
@@ -561,14 +551,14 @@ fn ticks(low: f64, high: f64, count: f64) -> Vec<f64> {
 }
 
 /// The next larger of 1, 2 and 5 times a power of ten.
-pub(crate) fn nice_step(least: f64) -> f64 {
+pub fn nice_step(least: f64) -> f64 {
     let power = 10_f64.powf(least.log10().floor());
     let factor = [1.0, 2.0, 5.0].into_iter().find(|f| f * power >= least * 0.999);
     factor.unwrap_or(10.0) * power
 }
 
 /// A number of an axis, without noise behind the last digit.
-pub(crate) fn number(value: f64) -> String {
+pub fn number(value: f64) -> String {
     let size = value.abs();
     if size != 0.0 && !(1e-4..1e6).contains(&size) {
         return format!("{value:.0e}").replace('-', "−");
@@ -582,7 +572,7 @@ pub(crate) fn number(value: f64) -> String {
 }
 
 /// Text for XML and HTML.
-pub(crate) fn escape(text: &str) -> String {
+pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

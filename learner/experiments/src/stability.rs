@@ -17,7 +17,7 @@ use super::progress;
 use super::protocol::{Bench, CIRCLE_RADIUS_M, CIRCLE_SPEED_RAD_S, DURATION_S, shown_course};
 use super::results::{Row, finite};
 use super::world::{Course, GoalMotion, resolve, run};
-use crate::canonical::savitzky_golay::smooth;
+use tprmp_learner::canonical::savitzky_golay::smooth;
 
 /// Random starts lie in the box around the demonstrations, larger by this share of its diagonal on
 /// each side.
@@ -209,7 +209,7 @@ fn time_one(follower: &mut dyn Follower, course: &Course, count: usize) -> Vec<f
 /// Largest smoothed acceleration of the demonstrations [m/s²].
 #[must_use]
 pub fn demonstrated_acceleration(set: &SkillSet) -> f64 {
-    let of = |d: &crate::demonstration::Demonstration| {
+    let of = |d: &tprmp_learner::demonstration::Demonstration| {
         let points: Vec<DVec3> = d.poses.iter().map(|pose| pose.position).collect();
         let path = smooth(&points, d.sampling_time_s, WINDOW_S, 3);
         path.accelerations.iter().map(|a| a.length()).fold(0.0, f64::max)

@@ -10,10 +10,10 @@ use tprmp_model::skill_model::{Manifold, SkillModel};
 use super::dataset::SkillSet;
 use super::follower::Model;
 use super::progress;
-use crate::demonstration::Demonstration;
-use crate::error::LearnerError;
-use crate::skill::Skill;
-use crate::train::learn;
+use tprmp_learner::demonstration::Demonstration;
+use tprmp_learner::error::LearnerError;
+use tprmp_learner::skill::Skill;
+use tprmp_learner::train::learn;
 
 /// A policy that is learned by a skill file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

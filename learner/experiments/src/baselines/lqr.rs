@@ -15,7 +15,7 @@ use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, Vector2, Vector4};
 use tprmp_model::skill_model::SkillModel;
 use tprmp_spatial::{MovingPose, Pose};
 
-use crate::experiments::follower::{Follower, Moment, Wish, point_wish};
+use crate::follower::{Follower, Moment, Wish, point_wish};
 
 /// r, cost of an acceleration [s⁴/m⁴ × m²/m²].
 const EFFORT: f64 = 0.1;

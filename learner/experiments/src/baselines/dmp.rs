@@ -12,8 +12,8 @@
 use glam::DVec3;
 
 use super::sampled;
-use crate::demonstration::Demonstration;
-use crate::experiments::follower::{Follower, Moment, Wish, point_wish};
+use crate::follower::{Follower, Moment, Wish, point_wish};
+use tprmp_learner::demonstration::Demonstration;
 
 /// K and D = 2 √K, critically damped; times as shares of the duration.
 const STIFFNESS: f64 = 150.0;
