@@ -32,7 +32,7 @@ const COMPUTE_MAX_US: f64 = 100.0;
 /// The controller's misses are at most so many times cyclictest's.
 const MISS_FACTOR: f64 = 1.2;
 /// Gaps are looked for during such a part of a block.
-const GAPS_SHARE: f64 = 0.25;
+const GAPS_FRACTION: f64 = 0.25;
 /// So many of the worst ticks stay in a row.
 const WORST_TICKS: usize = 8;
 /// Phases of a tick in the controller's summary.
@@ -353,7 +353,7 @@ fn measure(case: Case, cores: Cores, full: bool, compared: bool) -> Fallible<Fou
         found.add(&summary, &steal.stop()).ok_or("a summary of the controller lacks a number")?;
         let steal = StealWatch::start(cpu);
         let least_us = COMPUTE_MAX_US - found.compute_us().min(COMPUTE_MAX_US / 2.0);
-        let lasting = Duration::from_secs_f64(GAPS_SHARE * block_s);
+        let lasting = Duration::from_secs_f64(GAPS_FRACTION * block_s);
         let gaps = machine::gaps(cpu, fifo_priority, lasting, (least_us * 1e3) as u64)?;
         let steal = steal.stop();
         found.gaps += gaps.ends_ns.iter().filter(|end_ns| !steal.near(**end_ns)).count() as u64;
@@ -450,7 +450,7 @@ fn print_head() {
 
 fn print_row(found: &Found) {
     let theirs = found.cyclictest.as_ref().map_or("-".into(), |c| c.misses.late.to_string());
-    let [p50, p99, p999] = [0.5, 0.99, 0.999].map(|share| found.phases[0].quantile(share));
+    let [p50, p99, p999] = [0.5, 0.99, 0.999].map(|fraction| found.phases[0].quantile(fraction));
     let [wake_up, state_age, _, evaluation, publishing] = found.max_us;
     println!(
         "{:<46} {:>7} {:>6} {theirs:>6} {:>7} | {p50:>8.1} {p99:>8.1} {p999:>8.1} | {wake_up:>8.0} \
@@ -500,7 +500,7 @@ fn main() -> Fallible<()> {
     let sides = if compared { 2.0 } else { 1.0 };
     let row_s = |c: &Case| {
         let (blocks, block_s) = c.blocks(full);
-        f64::from(blocks) * ((sides + GAPS_SHARE) * block_s + 1.3)
+        f64::from(blocks) * ((sides + GAPS_FRACTION) * block_s + 1.3)
     };
     let seconds: f64 = cases.iter().map(row_s).sum();
     println!(

@@ -76,7 +76,7 @@ impl Report<'_> {
         println!("    {start:.3} + {slope:.4} each, off by at most {:.0} %", deviation * 100.0);
         self.rows.push(json!({
             "name": format!("{series}: straight line"), "start_us": start, "each_us": slope,
-            "deviation_share": deviation,
+            "deviation_fraction": deviation,
         }));
     }
 }

@@ -78,8 +78,8 @@ impl Case {
         })
     }
 
-    fn quantile_us(&self, share: f64) -> f64 {
-        self.latency.value_at_quantile(share) as f64 * 1e-3
+    fn quantile_us(&self, fraction: f64) -> f64 {
+        self.latency.value_at_quantile(fraction) as f64 * 1e-3
     }
 }
 
@@ -246,8 +246,9 @@ fn row(case: &Case, ping_pong_us: f64, scheduler: &str) -> Value {
         }
     }
     set("scheduler", placed.into());
-    for (key, share) in [("p50_us", 0.5), ("p99_us", 0.99), ("p999_us", 0.999), ("max_us", 1.0)] {
-        set(key, rounded(case.quantile_us(share)));
+    for (key, fraction) in [("p50_us", 0.5), ("p99_us", 0.99), ("p999_us", 0.999), ("max_us", 1.0)]
+    {
+        set(key, rounded(case.quantile_us(fraction)));
     }
     set("ping_pong_p50_us", rounded(ping_pong_us));
     set("ratio_p50", rounded(case.quantile_us(0.5) / ping_pong_us));
@@ -296,7 +297,8 @@ fn main() -> Fallible<()> {
         "latency [µs]", "p50", "p99", "p99.9", "max", "ratio", "lost", "steal ms"
     );
     for case in &cases {
-        let [p50, p99, p999, max] = [0.5, 0.99, 0.999, 1.0].map(|share| case.quantile_us(share));
+        let [p50, p99, p999, max] =
+            [0.5, 0.99, 0.999, 1.0].map(|fraction| case.quantile_us(fraction));
         println!(
             "{:<28} {p50:>8.1} {p99:>8.1} {p999:>8.1} {max:>8.1} {:>7.2} {:>6} {:>8}",
             case.name,

@@ -32,8 +32,8 @@ impl Row {
         Self { name: name.into(), must_s, times_s }
     }
 
-    fn at(&self, share: f64) -> f64 {
-        self.times_s[((self.times_s.len() - 1) as f64 * share).round() as usize]
+    fn at(&self, fraction: f64) -> f64 {
+        self.times_s[((self.times_s.len() - 1) as f64 * fraction).round() as usize]
     }
 }
 
@@ -51,10 +51,10 @@ fn shown(file: &Path, skill: &Skill, count: usize) -> Vec<Demonstration> {
             let place = i as f64 * last as f64 / (count - 1) as f64;
             let k = (place.floor() as usize).min(last - 1);
             let (a, b) = (demonstration.poses[k], demonstration.poses[k + 1]);
-            let share = place - k as f64;
+            let fraction = place - k as f64;
             Pose {
-                position: a.position.lerp(b.position, share),
-                orientation: a.orientation.slerp(b.orientation, share),
+                position: a.position.lerp(b.position, fraction),
+                orientation: a.orientation.slerp(b.orientation, fraction),
             }
         };
         let poses = (0..count).map(at).collect();
@@ -110,7 +110,7 @@ fn main() {
     measure(&mut rows, "pick.ron", "pick", [380, 15], [1.0, 3.0, 10.0]);
     println!("{:<58} {:>8} {:>8} {:>8} {:>8}", "training [s]", "min", "p50", "max", "must");
     for row in &rows {
-        let [least, middle, most] = [0.0, 0.5, 1.0].map(|share| row.at(share));
+        let [least, middle, most] = [0.0, 0.5, 1.0].map(|fraction| row.at(fraction));
         println!("{:<58} {least:>8.3} {middle:>8.3} {most:>8.3} {:>8.1}", row.name, row.must_s);
     }
     let memory_mb = memory_mb();

@@ -83,12 +83,12 @@ impl Picture {
     }
 }
 
-fn x_of(share: f64) -> f64 {
-    LEFT + share * (WIDTH - LEFT - RIGHT)
+fn x_of(fraction: f64) -> f64 {
+    LEFT + fraction * (WIDTH - LEFT - RIGHT)
 }
 
-fn y_of(share: f64) -> f64 {
-    HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM)
+fn y_of(fraction: f64) -> f64 {
+    HEIGHT - BOTTOM - fraction * (HEIGHT - TOP - BOTTOM)
 }
 
 /// A number with three digits, without noise.
@@ -115,7 +115,7 @@ fn bars(buckets: &Buckets) -> Vec<(i32, u64)> {
     bars
 }
 
-/// Several histograms over each other: times on a logarithmic axis, shares of all times on another,
+/// Several histograms over each other: times on a logarithmic axis, fractions of all times on another,
 /// so that one in 10⁵ is still seen. Empty when there is nothing to show.
 #[must_use]
 pub fn histograms(title: &str, series: &[(&str, Buckets)]) -> String {
@@ -131,7 +131,7 @@ pub fn histograms(title: &str, series: &[(&str, Buckets)]) -> String {
     let largest = shown.iter().map(|(_, buckets)| buckets.total()).max().unwrap_or(1);
     let least = -(largest as f64).log10().ceil().max(1.0);
     let x = |decades: f64| x_of((decades - low) / (high - low));
-    let y = |share: f64| y_of((share.log10().max(least) - least) / -least);
+    let y = |fraction: f64| y_of((fraction.log10().max(least) - least) / -least);
 
     let mut picture = Picture::new(title, HEIGHT + LEGEND_ROW * shown.len() as f64);
     for k in 0..=(high - low) as i32 {
@@ -172,10 +172,10 @@ pub fn line(title: &str, x_label: &str, y_label: &str, points: &[(f64, f64)]) ->
         (top(&mut points.iter().map(|p| p.0)), 1.1 * top(&mut points.iter().map(|p| p.1)));
     let mut picture = Picture::new(title, HEIGHT);
     for k in 0..=4 {
-        let share = f64::from(k) / 4.0;
-        picture.line([x_of(0.0), y_of(share), x_of(1.0), y_of(share)], FAINT);
-        picture.text(LEFT - 6.0, y_of(share) + 4.0, "end", &short(share * y_max));
-        picture.text(x_of(share), y_of(0.0) + 16.0, "middle", &short(share * x_max));
+        let fraction = f64::from(k) / 4.0;
+        picture.line([x_of(0.0), y_of(fraction), x_of(1.0), y_of(fraction)], FAINT);
+        picture.text(LEFT - 6.0, y_of(fraction) + 4.0, "end", &short(fraction * y_max));
+        picture.text(x_of(fraction), y_of(0.0) + 16.0, "middle", &short(fraction * x_max));
     }
     picture.text(x_of(0.5), y_of(0.0) + 32.0, "middle", x_label);
     picture.text(x_of(1.0), 17.0, "end", y_label);
@@ -205,9 +205,9 @@ pub fn stacked(title: &str, unit: &str, parts: &[&str], rows: &[(String, Vec<f64
     let height = floor + BOTTOM + LEGEND_ROW * parts.len() as f64;
     let mut picture = Picture::new(title, height);
     for k in 0..=4 {
-        let share = f64::from(k) / 4.0;
-        picture.line([x_of(share), TOP, x_of(share), floor], FAINT);
-        picture.text(x_of(share), floor + 16.0, "middle", &short(share * longest));
+        let fraction = f64::from(k) / 4.0;
+        picture.line([x_of(fraction), TOP, x_of(fraction), floor], FAINT);
+        picture.text(x_of(fraction), floor + 16.0, "middle", &short(fraction * longest));
     }
     picture.text(x_of(0.5), floor + 32.0, "middle", unit);
     for (i, (label, row)) in rows.iter().enumerate() {

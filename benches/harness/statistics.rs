@@ -74,10 +74,10 @@ impl Buckets {
         self.0.iter().filter(|(upper, _)| *upper > limit_us).map(|(_, count)| count).sum()
     }
 
-    /// The time below which a share of them lies, interpolated inside its bucket \[µs\].
+    /// The time below which a fraction of them lies, interpolated inside its bucket \[µs\].
     #[must_use]
-    pub fn quantile(&self, share: f64) -> f64 {
-        let wanted = share * self.total() as f64;
+    pub fn quantile(&self, fraction: f64) -> f64 {
+        let wanted = fraction * self.total() as f64;
         let (mut below, mut before) = (0.0, 0.0_f64);
         for (upper, count) in &self.0 {
             let count = *count as f64;
@@ -96,7 +96,9 @@ impl Buckets {
     pub fn percentiles(&self, prefix: &str) -> Map<String, Value> {
         [("p50", 0.5), ("p99", 0.99), ("p999", 0.999)]
             .into_iter()
-            .map(|(name, share)| (format!("{prefix}{name}_us"), rounded(self.quantile(share))))
+            .map(|(name, fraction)| {
+                (format!("{prefix}{name}_us"), rounded(self.quantile(fraction)))
+            })
             .collect()
     }
 
@@ -152,8 +154,8 @@ pub fn compare_misses(ours: Misses, reference: Misses, factor: f64) -> Verdict {
         return Verdict { must, found, holds: Some(true) };
     }
     let weight = factor * ours.cycles as f64;
-    let share = weight / (weight + reference.cycles as f64);
-    let chance = binomial_tail(ours.late + reference.late, share, ours.late);
+    let fraction = weight / (weight + reference.cycles as f64);
+    let chance = binomial_tail(ours.late + reference.late, fraction, ours.late);
     if chance < CHANCE {
         return Verdict { must, found, holds: Some(false) };
     }
@@ -187,9 +189,9 @@ mod tests {
         }
         let buckets = Buckets::from_histogram(&histogram);
         assert_eq!(buckets.total(), 1000);
-        for (share, us) in [(0.01, 10.0), (0.5, 500.0), (0.99, 990.0), (0.999, 999.0)] {
-            let found = buckets.quantile(share);
-            assert!((found / us - 1.0).abs() < 0.05, "{share}: {found}");
+        for (fraction, us) in [(0.01, 10.0), (0.5, 500.0), (0.99, 990.0), (0.999, 999.0)] {
+            let found = buckets.quantile(fraction);
+            assert!((found / us - 1.0).abs() < 0.05, "{fraction}: {found}");
         }
         assert!(Buckets::default().quantile(0.5).is_nan());
     }

@@ -34,7 +34,7 @@ pub fn measure(mut work: impl FnMut()) -> Times {
         *batch = since.elapsed().as_secs_f64() * 1e6 / BATCH as f64;
     }
     batches.sort_by(f64::total_cmp);
-    let at = |share: f64| batches[((BATCHES - 1) as f64 * share) as usize];
+    let at = |fraction: f64| batches[((BATCHES - 1) as f64 * fraction) as usize];
     Times {
         best_us: at(0.0),
         p50_us: at(0.5),
@@ -51,7 +51,7 @@ pub struct Line {
     pub start: f64,
     /// Growth a unit.
     pub slope: f64,
-    /// Largest distance of a point from the line, as a share of the largest value.
+    /// Largest distance of a point from the line, as a fraction of the largest value.
     pub deviation: f64,
 }
 

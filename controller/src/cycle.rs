@@ -116,7 +116,7 @@ impl<const N: usize> Cycle<N> {
             arrivals: Arrivals::new(cycle.period_ns, cycle.spin_ns, 0),
             overruns: Overruns::new(cycle.overruns_in_a_row_max),
             motion: Motion::new(limits, &config),
-            course: Course::new(config.lift, config.done, policy.turns()),
+            course: Course::new(config.lift, config.done, policy.has_orientation()),
             external: config.external.as_ref().map(ExternalCommand::new),
             policy,
             config,

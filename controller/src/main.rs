@@ -69,7 +69,7 @@ enum Command {
 struct RunArguments {
     /// Configuration, e.g. config/controllers/ur5_pick.ron.
     config: PathBuf,
-    /// Model that `learner train` wrote. Given again for each entry of `skills_beside`: the skills act
+    /// Model that `learner train` wrote. Given again for each entry of `additional_skills`: the skills act
     /// together, and the first is the task.
     #[arg(long, required = true)]
     model: Vec<PathBuf>,

@@ -94,9 +94,9 @@ impl LinkPart {
     }
 }
 
-/// A point that may come near an obstacle does so at its goal; elsewhere it keeps clear within this share
+/// A point that may come near an obstacle does so at its goal; elsewhere it keeps clear within this fraction
 /// of the distance to its goal besides, so that it can come down on its goal steeply, 30° or more.
-const GOAL_SHARE: f64 = 0.5;
+const GOAL_FRACTION: f64 = 0.5;
 
 /// What the policy needs between ticks, and where it puts its intermediate results.
 #[derive(Debug)]
@@ -200,7 +200,7 @@ impl<const N: usize> Body<N> for Links<'_, N> {
         }
         // Near only where the task asks for it: it must be able to brake elsewhere.
         let left = self.at_goal(i).map_or(0.0, |goal| (goal - self.ball(i).0).length());
-        within + left * GOAL_SHARE
+        within + left * GOAL_FRACTION
     }
 
     /// Known of the points that move with the tool.
@@ -278,7 +278,7 @@ impl<const N: usize> Policy<N> {
     /// Builds the policy. Allocates: at start-up only.
     ///
     /// * `skills`  the first is the task; the others speak beside it, and there are as many of them as
-    ///   `config.skills_beside`
+    ///   `config.additional_skills`
     ///
     /// # Panics
     /// When there are not.
@@ -289,9 +289,9 @@ impl<const N: usize> Policy<N> {
         control_points: &ControlPoints,
         config: &ControllerConfig,
     ) -> Self {
-        assert_eq!(skills.len(), 1 + config.skills_beside.len(), "a leaf for each skill");
+        assert_eq!(skills.len(), 1 + config.additional_skills.len(), "a leaf for each skill");
         let mut first = 0;
-        let leaves = core::iter::once(&config.skill).chain(&config.skills_beside);
+        let leaves = core::iter::once(&config.skill).chain(&config.additional_skills);
         let skills = skills.into_iter().zip(leaves).map(|(policy, leaf)| {
             let frames = first..first + policy.frame_count();
             first = frames.end;
@@ -348,8 +348,8 @@ impl<const N: usize> Policy<N> {
 
     /// Whether the first skill leads the orientation too.
     #[must_use]
-    pub fn turns(&self) -> bool {
-        self.skills[0].policy.turns()
+    pub fn has_orientation(&self) -> bool {
+        self.skills[0].policy.has_orientation()
     }
 
     /// What the learned skills want of the tool, within their speeds: M ẍ = f on \[linear; angular\],
@@ -464,18 +464,18 @@ impl<const N: usize> Policy<N> {
         )?;
         // Where somebody leads the tool into an obstacle, that is no reason for the skills to go on.
         let led = parameters.external.is_some_and(ExternalCommand::leads);
-        let pressing = resolved.nearness.pressing;
-        let held = if led { 0.0 } else { pressing };
-        workspace.skills.iter_mut().for_each(|skill| skill.state.press(held));
+        let obstructed_fraction = resolved.proximity.obstructed_fraction;
+        let held = if led { 0.0 } else { obstructed_fraction };
+        workspace.skills.iter_mut().for_each(|skill| skill.state.set_obstructed(held));
         Ok(Decision {
             acceleration: resolved.acceleration,
             tool,
             goal,
             energy: learned_energy,
             surroundings: Surroundings {
-                pressing,
+                obstructed_fraction,
                 clearance_min_m: resolved
-                    .nearness
+                    .proximity
                     .clearance_min_m
                     .min(resolved.self_clearance_min_m),
             },
@@ -508,8 +508,8 @@ fn tree<const N: usize>(
             leaf: limits.leaf(),
         }),
         joint_speed_limits: config.joint_speeds.map(|speeds| JointSpeedLimits {
-            speed_max: chain.velocity_max() * robot.velocity_share,
-            free_share: speeds.free_share,
+            speed_max: chain.velocity_max() * robot.velocity_fraction,
+            free_fraction: speeds.free_fraction,
             inertia: speeds.inertia,
             damping_1_s: speeds.damping_1_s,
         }),
@@ -526,7 +526,7 @@ fn tree<const N: usize>(
             pairs: part_pairs(points, &SelfPairs::new(chain, points, &own.exempt)),
         }),
         avoidance: config.collision.as_ref().map(Collision::leaf),
-        obstacle_jerk_max: config.collision.as_ref().map(|c| acceleration_max / c.onset_s),
+        obstacle_jerk_max: config.collision.as_ref().map(|c| acceleration_max / c.ramp_time_s),
     }
 }
 

@@ -92,7 +92,7 @@ pub enum StartError {
     },
     /// More or fewer models than leaves for them.
     #[error(
-        "configuration `{config}`, key `skills_beside`: expected `--model` once for the task and once \
+        "configuration `{config}`, key `additional_skills`: expected `--model` once for the task and once \
          for each of the {expected} further leaves, found it {found} times"
     )]
     Models {
@@ -105,7 +105,7 @@ pub enum StartError {
     },
     /// More frames than a message carries.
     #[error(
-        "configuration `{config}`, key `skills_beside`: expected models of at most {FRAME_CAPACITY} \
+        "configuration `{config}`, key `additional_skills`: expected models of at most {FRAME_CAPACITY} \
          frames together, found {found}"
     )]
     Frames {
@@ -224,10 +224,10 @@ pub fn load_with(
     allow_uncertified: bool,
 ) -> Result<Loaded, StartError> {
     let config = controller_config::read_with(config_path, edit)?;
-    if model_paths.len() != 1 + config.skills_beside.len() {
+    if model_paths.len() != 1 + config.additional_skills.len() {
         return Err(StartError::Models {
             config: config_path.into(),
-            expected: config.skills_beside.len(),
+            expected: config.additional_skills.len(),
             found: model_paths.len(),
         });
     }

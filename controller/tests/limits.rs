@@ -44,7 +44,7 @@ struct Measured {
     /// Added to the commanded position [rad] and velocity [rad/s].
     position: Joints,
     velocity: Joints,
-    /// Put anywhere inside the robot's limits, as a share of their range.
+    /// Put anywhere inside the robot's limits, as a fraction of their range.
     elsewhere: Option<[f64; N]>,
 }
 
@@ -231,11 +231,11 @@ proptest! {
         let limits = JointLimits::new(&chain, &config.robot);
         let mut motion = Motion::new(limits, &config);
         let range = chain.position_upper() - chain.position_lower();
-        let place = |share: &[f64; N]| chain.position_lower() + range.component_mul(&Joints::from(*share));
+        let place = |fraction: &[f64; N]| chain.position_lower() + range.component_mul(&Joints::from(*fraction));
         let (mut q, mut qd) = (place(&start), Joints::zeros());
         for (event, measured) in &ticks {
-            if let Some(share) = &measured.elsewhere {
-                q = place(share);
+            if let Some(fraction) = &measured.elsewhere {
+                q = place(fraction);
             }
             let ends = [*chain.position_lower(), *chain.position_upper()];
             let state = JointState {
@@ -278,7 +278,7 @@ proptest! {
         let position = chain.position_lower() + range.component_mul(&Joints::from(start));
         let state = JointState { position, velocity };
         prop_assert!(motion.follow(&chain, &state, &Joints::zeros(), dt).is_ok());
-        let deceleration = config.stop.deceleration_share * limits.acceleration_max.min();
+        let deceleration = config.stop.deceleration_fraction * limits.acceleration_max.min();
         let longest_s = limits.velocity_max.max() / deceleration;
         let mut passed_s = 0.0;
         while !motion.reference_rests() {

@@ -26,7 +26,7 @@ fn policy(beside: &[f64], edit: impl FnOnce(&mut ControllerConfig)) -> Policy<N>
         for inertia in beside {
             let mut leaf = config.skill;
             leaf.linear_inertia_kg = *inertia;
-            config.skills_beside.push(leaf);
+            config.additional_skills.push(leaf);
         }
         edit(config);
     };
@@ -142,6 +142,6 @@ fn models_are_as_many_as_leaves_for_them() {
     for models in [vec![], vec![model.clone(), model]] {
         let error = startup::load(&config, &models, false).unwrap_err().to_string();
         let found = format!("found it {} times", models.len());
-        assert!(error.contains("skills_beside") && error.contains(&found), "{error}");
+        assert!(error.contains("additional_skills") && error.contains(&found), "{error}");
     }
 }

@@ -3,7 +3,7 @@
 //! [`train::train`] is the whole way: demonstrations → canonical coordinates ([`canonical`],
 //! [`savitzky_golay`]) → Gaussian mixture in each frame ([`tp_gmm`], [`em`], [`k_means`],
 //! [`components`]) → policy, the canonical one ([`basis`], [`targets`], [`fit`]) or the thesis'
-//! ([`thesis`], [`running_mean`]) → certificate ([`certify`], [`rollout`]) → model. Demonstrations are files;
+//! ([`thesis`], [`kaiser_smoothing`]) → certificate ([`certify`], [`rollout`]) → model. Demonstrations are files;
 //! [`record`] writes them from a live robot; [`plot`] draws what was learned.
 
 pub mod canonical;

@@ -61,10 +61,10 @@ pub enum FitSettings {
 impl FitSettings {
     /// What the demonstrations are smoothed by before anything else.
     #[must_use]
-    pub fn running_mean(&self) -> Option<RunningMean> {
+    pub fn kaiser_smoothing(&self) -> Option<KaiserSmoothing> {
         match self {
             Self::Canonical(_) => None,
-            Self::Thesis(settings) => settings.running_mean,
+            Self::Thesis(settings) => settings.kaiser_smoothing,
         }
     }
 
@@ -87,8 +87,8 @@ pub struct Smoothing {
     pub window_s: f64,
     /// Degree of the polynomial.
     pub degree: usize,
-    /// Share of the largest speed below which the start and the end count as rest, and are cut.
-    pub rest_speed_share: f64,
+    /// Fraction of the largest speed below which the start and the end count as rest, and are cut.
+    pub rest_speed_fraction: f64,
 }
 
 /// Each block is fitted in coordinates ŷ = s y in which the demonstrations have a given span
@@ -166,7 +166,7 @@ pub struct FieldSettings {
     pub damping_1_s: f64,
     /// σ₀: M_k = γ (C_k + σ₀² I)⁻¹ [ŷ].
     pub activation_width: f64,
-    /// Width over which components pass into each other, as a share of the phase between two of them.
+    /// Width over which components pass into each other, as a fraction of the phase between two of them.
     pub phase_overlap: f64,
     /// Weight of the phase's acceleration in the residual against the others'.
     pub phase_weight: f64,
@@ -197,7 +197,7 @@ pub struct FieldSettings {
     /// Seeded random points at which descent is demanded besides.
     pub descent_points_random: usize,
     /// How often the fit may be solved again with louder demands where its valley does not fall.
-    pub repairs_max: usize,
+    pub refinement_rounds_max: usize,
     /// How far in each coordinate they lie from the demonstrations [ŷ].
     pub descent_radius: f64,
     /// How far in the phase, times its length [ŷ].
@@ -231,13 +231,13 @@ pub struct ThesisSettings {
     /// certificate are of the smoothed ones. The mixture and both fits then take points as they are and
     /// velocities as differences of neighbours. `None`: the fits are smoothed as `smoothing` says.
     #[serde(deserialize_with = "Option::deserialize")]
-    pub running_mean: Option<RunningMean>,
+    pub kaiser_smoothing: Option<KaiserSmoothing>,
 }
 
 /// A running mean with a Kaiser window.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct RunningMean {
+pub struct KaiserSmoothing {
     /// Length of the window [s].
     pub window_s: f64,
     /// β: the larger, the narrower the window.
@@ -268,10 +268,10 @@ pub struct Certification {
     pub displaced_starts: u32,
     /// Radius around the demonstrated points in which they lie [ŷ].
     pub random_start_radius: f64,
-    /// How far frames are displaced, as a share of the distance between start frame and goal.
-    pub frame_displacement_share: f64,
+    /// How far frames are displaced, as a fraction of the distance between start frame and goal.
+    pub frame_translation_fraction: f64,
     /// How far frames are turned [rad].
-    pub frame_turn_rad: f64,
+    pub frame_rotation_rad: f64,
     /// Largest rise of the energy in a step, relative to that at the start.
     pub energy_rise_max: f64,
     /// A rollout reached the goal when it ends this near [m].
@@ -359,7 +359,7 @@ impl Skill {
         let c = &self.certification;
         let mut positive = vec![
             ("smoothing.window_s", self.smoothing.window_s),
-            ("smoothing.rest_speed_share", self.smoothing.rest_speed_share),
+            ("smoothing.rest_speed_fraction", self.smoothing.rest_speed_fraction),
             ("scale.span", self.scale.span),
             ("scale.position_span_min_m", self.scale.position_span_min_m),
             ("scale.orientation_span_min_rad", self.scale.orientation_span_min_rad),
@@ -371,14 +371,16 @@ impl Skill {
             ("certification.goal_tolerance_m", c.goal_tolerance_m),
             ("certification.goal_tolerance_rad", c.goal_tolerance_rad),
         ];
-        if self.smoothing.rest_speed_share >= 0.5 {
-            let problem =
-                format!("expected a share below 0.5, found {}", self.smoothing.rest_speed_share);
-            return Err(("smoothing.rest_speed_share", problem));
+        if self.smoothing.rest_speed_fraction >= 0.5 {
+            let problem = format!(
+                "expected a fraction below 0.5, found {}",
+                self.smoothing.rest_speed_fraction
+            );
+            return Err(("smoothing.rest_speed_fraction", problem));
         }
         for (key, value) in [
-            ("certification.frame_displacement_share", c.frame_displacement_share),
-            ("certification.frame_turn_rad", c.frame_turn_rad),
+            ("certification.frame_translation_fraction", c.frame_translation_fraction),
+            ("certification.frame_rotation_rad", c.frame_rotation_rad),
             ("certification.energy_rise_max", c.energy_rise_max),
         ] {
             if !(value.is_finite() && value >= 0.0) {
@@ -393,10 +395,10 @@ impl Skill {
                 ("fit.damping_min", t.damping_min),
             ]),
         }
-        if let Some(mean) = self.fit.running_mean() {
+        if let Some(mean) = self.fit.kaiser_smoothing() {
             positive.extend([
-                ("fit.running_mean.window_s", mean.window_s),
-                ("fit.running_mean.shape", mean.shape),
+                ("fit.kaiser_smoothing.window_s", mean.window_s),
+                ("fit.kaiser_smoothing.shape", mean.shape),
             ]);
         }
         match positive.iter().find(|(_, x)| !(x.is_finite() && *x > 0.0)) {
@@ -407,10 +409,10 @@ impl Skill {
 
     /// I₀ of a larger shape is no number; a window of this one is a few samples wide.
     fn validate_shape(&self) -> Result<(), (&'static str, String)> {
-        match self.fit.running_mean() {
+        match self.fit.kaiser_smoothing() {
             Some(mean) if mean.shape > SHAPE_MAX => {
                 let problem = format!("expected at most {SHAPE_MAX}, found {}", mean.shape);
-                Err(("fit.running_mean.shape", problem))
+                Err(("fit.kaiser_smoothing.shape", problem))
             }
             _ => Ok(()),
         }
@@ -434,7 +436,7 @@ impl Skill {
                 ("fit.tube_stride", f.tube_stride, 1, 1000),
                 ("fit.descent_stride", f.descent_stride, 1, 1000),
                 ("fit.descent_points_random", f.descent_points_random, 1, 10_000),
-                ("fit.repairs_max", f.repairs_max, 0, 100),
+                ("fit.refinement_rounds_max", f.refinement_rounds_max, 0, 100),
             ]),
             FitSettings::Thesis(t) => counts.push(("fit.stride", t.stride, 1, 1000)),
         }

@@ -13,7 +13,7 @@ use tprmp_model::skill_model::{
 };
 use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
 
-use crate::canonical::running_mean::running_mean;
+use crate::canonical::kaiser_smoothing::kaiser_smoothing;
 use crate::canonical::savitzky_golay::Path;
 use crate::canonical::{CanonicalDemonstration, CanonicalSet, canonicalise, mean_start};
 use crate::certify::Examiner;
@@ -28,8 +28,8 @@ use crate::mixture::components::{self, Choice, Components};
 use crate::mixture::tp_gmm::{Samples, TpGmm, frames, uninformative_frames};
 use crate::skill::{FieldSettings, FitSettings, Skill};
 
-/// A demonstration is warned of when it is left by more than this share of the skill's span.
-const PATH_SHARE_MAX: f64 = 0.05;
+/// A demonstration is warned of when it is left by more than this fraction of the skill's span.
+const PATH_FRACTION_MAX: f64 = 0.05;
 
 /// A trained model, and how the training went.
 #[derive(Clone, Debug)]
@@ -248,7 +248,7 @@ fn stored_canonical(
         start: set.start.into(),
         goal_frame: map.goal_frame().into(),
         goal: map.goal().into(),
-        positions_turn: map.positions_turn(),
+        rotate_positions: map.rotate_positions(),
         start_phase: map.anchors()[0].phase.min(goal.phase),
         goal_phase: goal.phase,
         waypoints: ways.map(waypoint).collect(),
@@ -260,10 +260,10 @@ fn stored_canonical(
 /// with a start frame that is fixed to the goal frame for skills that have no other.
 pub fn prepared(skill: &Skill, demonstrations: &[Demonstration]) -> Vec<Demonstration> {
     let mut demonstrations = demonstrations.to_vec();
-    if let Some(settings) = skill.fit.running_mean() {
+    if let Some(settings) = skill.fit.kaiser_smoothing() {
         for demonstration in &mut demonstrations {
             let (poses, dt) = (&demonstration.poses, demonstration.sampling_time_s);
-            demonstration.poses = running_mean(poses, dt, settings);
+            demonstration.poses = kaiser_smoothing(poses, dt, settings);
         }
     }
     if skill.start_frame == skill.goal_frame {
@@ -432,7 +432,7 @@ fn fit_warnings(
         ));
     }
     for row in demonstrations {
-        if row.path_rms_m > PATH_SHARE_MAX * span_m {
+        if row.path_rms_m > PATH_FRACTION_MAX * span_m {
             warnings.push(format!(
                 "`{}` is left by {:.1} mm (rms) where {span_m:.2} m are spanned: does it \
                  contradict the others?",

@@ -86,7 +86,7 @@ fn small_skill(template: &str) -> String {
         ("components:", "3"),
         ("iterations:", "3"),
         ("descent_points_random:", "60"),
-        ("repairs_max:", "1"),
+        ("refinement_rounds_max:", "1"),
         ("horizon_s:", "0.5"),
         ("random_starts:", "2"),
         ("displaced_starts:", "2"),

@@ -92,12 +92,12 @@ fn acceleration(model: &SkillModel, frames: &[Pose], pose: &Pose, v: [DVec3; 2])
     [DVec3::new(a[0], a[1], a[2]), DVec3::new(a[3], a[4], a[5])]
 }
 
-/// A demonstration's frames, displaced by up to some share of a metre and of a radian, and a pose
+/// A demonstration's frames, displaced by up to some fraction of a metre and of a radian, and a pose
 /// of the tool near the demonstrated way, with a velocity.
 fn near(
     skill: &Skill,
     shown: &[Demonstration],
-    displacement: f64,
+    transforms: f64,
     random: &mut ChaCha8Rng,
 ) -> (Vec<Pose>, Pose, [DVec3; 2]) {
     let mut ball = |size: f64| {
@@ -113,7 +113,7 @@ fn near(
     let demonstration = &shown[1];
     let frames = frames(skill, demonstration)
         .iter()
-        .map(|(_, frame)| beside(frame, displacement, displacement))
+        .map(|(_, frame)| beside(frame, transforms, transforms))
         .collect();
     let pose = beside(&demonstration.poses[70], 0.07, 0.2);
     let velocity = motion(skill.manifold, ball(0.3), DVec3::ZERO).position;
@@ -185,7 +185,7 @@ fn assert_mixture_moved([before, after]: [&SkillModel; 2], by: &Pose) {
         assert!((b.position - expected.position).length() < 1e-9);
         assert!(b.rotation_from(&expected).length() < 1e-9);
     }
-    assert_eq!(before.canonical.positions_turn, after.canonical.positions_turn);
+    assert_eq!(before.canonical.rotate_positions, after.canonical.rotate_positions);
 }
 
 /// Skills, and the models that are learned where they were shown.
@@ -209,7 +209,7 @@ static TURNING: LazyLock<Vec<(Skill, SkillModel)>> = LazyLock::new(|| {
     let all = ["planar.ron", "pick.ron"].map(|template| {
         [unexamined(template), single_frame(unexamined(template))].map(|skill| {
             let model = learned(&skill, &turned_arcs(skill.manifold)).model;
-            assert!(model.canonical.positions_turn);
+            assert!(model.canonical.rotate_positions);
             (skill, model)
         })
     });
@@ -276,7 +276,7 @@ proptest! {
     ) {
         for (skill, model) in SKILLS.iter().chain(&*TURNING) {
             // Positions that do not turn with the frames keep their way upright.
-            let turns = is_thesis(skill) || model.canonical.positions_turn;
+            let turns = is_thesis(skill) || model.canonical.rotate_positions;
             let by = motion(skill.manifold, translation, if turns { turn } else { DVec3::ZERO });
             // The phase at which a pose starts is a minimum: found to the root of the precision.
             assert_policy_moved(skill, [model, model], &by, 3e-6, seed);

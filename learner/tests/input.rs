@@ -223,7 +223,7 @@ fn wrong_skill_files_are_refused_by_key_and_place() {
     }
     let published = skill_text("planar_published.ron");
     let narrow = say(published.replace("shape: 14.0", "shape: 800.0"));
-    assert!(narrow.contains("fit.running_mean.shape") && narrow.contains("800"), "{narrow}");
+    assert!(narrow.contains("fit.kaiser_smoothing.shape") && narrow.contains("800"), "{narrow}");
     let twice = say(good.replace("other_frames: []", "other_frames: [\"end\"]"));
     assert!(twice.contains("other_frames") && twice.contains("`end`"), "{twice}");
     let model = say(good.replace("TimeDrivenGmm,", "Hmm,"));

@@ -38,7 +38,7 @@ fn the_fit_agrees_with_an_independent_one() {
     // Random points are not the same in another language: descent is demanded at the samples only.
     let settings = &FieldSettings {
         descent_points_random: 0,
-        repairs_max: 0,
+        refinement_rounds_max: 0,
         phase_weight: 1.0,
         ..settings.clone()
     };

@@ -85,7 +85,7 @@ impl Oracle {
             damping_min: self.damping_min,
             damping_target,
             stride: 1,
-            running_mean: None,
+            kaiser_smoothing: None,
         }
     }
 
@@ -137,11 +137,11 @@ impl Oracle {
 }
 
 #[track_caller]
-fn assert_near(found: &[f64], expected: &[f64], share: f64) {
+fn assert_near(found: &[f64], expected: &[f64], fraction: f64) {
     let largest = expected.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
     assert_eq!(found.len(), expected.len());
     for (found, expected) in found.iter().zip(expected) {
-        assert!((found - expected).abs() < share * largest, "{found} {expected}");
+        assert!((found - expected).abs() < fraction * largest, "{found} {expected}");
     }
 }
 

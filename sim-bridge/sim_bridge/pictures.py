@@ -34,7 +34,7 @@ INK = "#23262b"
 
 TABLE_SHADE = (226, 222, 212)
 BACKGROUND_SHADE = (246, 247, 249)
-SHADOW_SHARE = 0.30
+SHADOW_FRACTION = 0.30
 SUPERSAMPLING = 2
 NEAR_M, FAR_M = 0.3, 6.0
 LIGHT_PIXELS = 512
@@ -199,7 +199,7 @@ class Stage:
         colour, depth, bodies = self._capture(self.view)
         ground = bodies == self.table
         shade = np.array(TABLE_SHADE, dtype=np.float32)
-        lit = 1.0 - SHADOW_SHARE * self._shadow()
+        lit = 1.0 - SHADOW_FRACTION * self._shadow()
         colour[ground] = shade * lit[ground][:, None]
         colour[bodies < 0] = BACKGROUND_SHADE
         image = Image.fromarray(np.clip(colour, 0, 255).astype(np.uint8))

@@ -128,7 +128,7 @@ def row(**changes):
         "orientation_error_deg": 0.1,
         "contacts": {},
         "clearance_min_m": {"obstacle": 0.05, "table": 0.03, "self": 0.03},
-        "limit_shares": {"position": 0.6, "velocity": 0.5, "torque": 0.4},
+        "limit_fractions": {"position": 0.6, "velocity": 0.5, "torque": 0.4},
         "reason": "none",
         "reasons": {"none": 0.0},
         "allocations": 0,
@@ -143,7 +143,7 @@ def test_a_failure_has_its_cause_and_spoils_its_verdict():
     spoilt = {
         "picked": [{"picked": False, "exact": False, "gripped_at_s": None, "reason": "blocked"}],
         "no contact": [{"contacts": {"forearm_link and obstacle": 1.5}}],
-        "limit": [{"limit_shares": {"position": 0.6, "velocity": 1.01, "torque": 0.4}}],
+        "limit": [{"limit_fractions": {"position": 0.6, "velocity": 1.01, "torque": 0.4}}],
         "no heap": [{"allocations": 1}],
     }
     for must, (changes,) in spoilt.items():

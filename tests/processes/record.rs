@@ -68,13 +68,13 @@ impl Robot {
         recorder.hear()
     }
 
-    /// Moves on a bow to another place; `each` is called before each state with the share of time.
+    /// Moves on a bow to another place; `each` is called before each state with the fraction of time.
     fn go(&mut self, to: [f64; 2], mut each: impl FnMut(&mut Self, f64)) {
         let from = [self.state.position[0], self.state.position[1]];
         for step in 1..=STEPS {
-            let share = f64::from(step) / f64::from(STEPS);
-            self.state.position[..2].copy_from_slice(&bow(from, to, share));
-            each(self, share);
+            let fraction = f64::from(step) / f64::from(STEPS);
+            self.state.position[..2].copy_from_slice(&bow(from, to, fraction));
+            each(self, fraction);
             self.publish();
         }
     }
@@ -83,9 +83,9 @@ impl Robot {
 /// States of a motion: two seconds on their clock.
 const STEPS: u32 = 400;
 
-/// Where the point is after this share of the time.
-fn bow(from: [f64; 2], to: [f64; 2], share: f64) -> [f64; 2] {
-    let t = share.clamp(0.0, 1.0);
+/// Where the point is after this fraction of the time.
+fn bow(from: [f64; 2], to: [f64; 2], fraction: f64) -> [f64; 2] {
+    let t = fraction.clamp(0.0, 1.0);
     let s = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t);
     let side = 0.15 * (std::f64::consts::PI * s).sin();
     [from[0] + (to[0] - from[0]) * s, from[1] + (to[1] - from[1]) * s + side]
@@ -299,7 +299,8 @@ fn frames_that_move_or_are_missing_are_named_and_nothing_is_written() {
     robot.rest_until(&recorder, "waiting for frame `end`, which is published as invalid");
     robot.frames = good;
     robot.rest_until(&recorder, "ready");
-    robot.go(START, |robot, share| robot.frames.frames[1].position[1] = GOAL[1] + 0.1 * share);
+    robot
+        .go(START, |robot, fraction| robot.frames.frames[1].position[1] = GOAL[1] + 0.1 * fraction);
     robot.rest_until(&recorder, "not recorded: frame `end` moved by");
     robot.rest_until(&recorder, "ready");
     assert_eq!(names(&place), Vec::<String>::new());
@@ -347,7 +348,7 @@ fn further_frames_are_written_and_a_skill_of_one_frame_needs_no_other() {
             robot.frames.frames[2] = good.frames[0];
             robot.frames.frames[2].name = name_bytes("box").unwrap();
             robot.rest_until(&recorder, "ready");
-            robot.go(GOAL, |robot, share| robot.frames.frames[2].position[0] = share);
+            robot.go(GOAL, |robot, fraction| robot.frames.frames[2].position[0] = fraction);
             robot.rest_until(&recorder, "not recorded: frame `box` moved by");
             robot.state.position[..2].copy_from_slice(&START);
             robot.frames.frames[2].position[..2].copy_from_slice(&[0.1, -0.2]);
@@ -396,8 +397,8 @@ fn faulty_states_and_a_publisher_that_goes_end_a_demonstration_and_the_next_one_
     ];
     for (i, (fault, said)) in faults.into_iter().enumerate() {
         robot.rest_until(&recorder, "ready");
-        robot.go(if i % 2 == 0 { GOAL } else { START }, |robot, share| {
-            if share == 0.5 {
+        robot.go(if i % 2 == 0 { GOAL } else { START }, |robot, fraction| {
+            if fraction == 0.5 {
                 let state = robot.state;
                 fault(&mut robot.state);
                 robot.publish();

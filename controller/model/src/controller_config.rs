@@ -86,10 +86,10 @@ pub struct Robot {
     pub gravity_m_s2: [f64; 3],
     /// Largest joint accelerations \[rad/s² or m/s²\].
     pub acceleration_max: Vec<f64>,
-    /// Share of the URDF's velocity limit that may be used.
-    pub velocity_share: f64,
-    /// Share of the URDF's effort limit that may be used.
-    pub effort_share: f64,
+    /// Fraction of the URDF's velocity limit that may be used.
+    pub velocity_fraction: f64,
+    /// Fraction of the URDF's effort limit that may be used.
+    pub effort_fraction: f64,
     /// Distance kept from the URDF's position limits \[rad or m\].
     pub position_margin: f64,
     /// Least and greatest position of joints that are to use less than the URDF permits
@@ -162,8 +162,8 @@ pub struct Impedance {
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Disturbance {
-    /// Share of the permitted speed that a push may cause.
-    pub speed_share: f64,
+    /// Fraction of the permitted speed that a push may cause.
+    pub speed_fraction: f64,
     /// How far the disturbance is thought to go on \[s\].
     pub horizon_s: f64,
     /// Time constant of the observer, about the time from a command to the state that shows it \[s\].
@@ -174,8 +174,8 @@ pub struct Disturbance {
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stop {
-    /// Share of the largest accelerations used to decelerate to rest.
-    pub deceleration_share: f64,
+    /// Fraction of the largest accelerations used to decelerate to rest.
+    pub deceleration_fraction: f64,
     /// Longest time taken to come to rest \[s\].
     pub duration_max_s: f64,
     /// Time over which the policy is faded in after a start or a stop \[s\].
@@ -253,7 +253,7 @@ pub struct ControllerConfig {
     /// The leaf of the skill that is the task.
     pub skill: SkillLeaf,
     /// Leaves of skills beside it, one for each further model.
-    pub skills_beside: Vec<SkillLeaf>,
+    pub additional_skills: Vec<SkillLeaf>,
     /// Draws the tool to the goal of the task beside the skills; `None` leaves that to them.
     #[serde(deserialize_with = "Option::deserialize")]
     pub goal_attractor: Option<Attractor>,
@@ -403,7 +403,7 @@ impl Check<'_> {
             self.fail(&key("clearance_min_m"), expected, &leaf.clearance_min_m);
         }
         self.positive(&key("inertia_kg"), leaf.inertia_kg);
-        self.not_negative(&key("rest_share"), leaf.rest_share);
+        self.not_negative(&key("rest_fraction"), leaf.rest_fraction);
         self.positive(&key("approach_speed_m_s"), leaf.approach_speed_m_s);
         self.not_negative(&key("repulsion_m2_s2"), leaf.repulsion_m2_s2);
         self.not_negative(&key("damping_1_s"), leaf.damping_1_s);
@@ -427,9 +427,9 @@ impl Check<'_> {
         self.positive(&key("saturation_m"), leaf.saturation_m);
     }
 
-    fn share(&mut self, key: &str, value: f64) {
+    fn fraction(&mut self, key: &str, value: f64) {
         if !(value > 0.0 && value <= 1.0) {
-            self.fail(key, "a share above 0 and at most 1", &value);
+            self.fail(key, "a fraction above 0 and at most 1", &value);
         }
     }
 
@@ -461,8 +461,8 @@ impl ControllerConfig {
         if !robot.gravity_m_s2.iter().all(|g| g.is_finite()) {
             check.fail("robot.gravity_m_s2", "three finite numbers", &robot.gravity_m_s2);
         }
-        check.share("robot.velocity_share", robot.velocity_share);
-        check.share("robot.effort_share", robot.effort_share);
+        check.fraction("robot.velocity_fraction", robot.velocity_fraction);
+        check.fraction("robot.effort_fraction", robot.effort_fraction);
         check.not_negative("robot.position_margin", robot.position_margin);
         for (joint, range) in &robot.working_range {
             if !robot.joints.contains(joint) {
@@ -501,8 +501,8 @@ impl ControllerConfig {
             observer.angular_acceleration_max_rad_s2,
         );
         check.skill("skill", &self.skill);
-        for (i, skill) in self.skills_beside.iter().enumerate() {
-            check.skill(&format!("skills_beside[{i}]"), skill);
+        for (i, skill) in self.additional_skills.iter().enumerate() {
+            check.skill(&format!("additional_skills[{i}]"), skill);
         }
         check.not_negative("joint_damping.inertia", self.joint_damping.inertia);
         check.not_negative("joint_damping.damping_1_s", self.joint_damping.damping_1_s);
@@ -514,15 +514,15 @@ impl ControllerConfig {
                 check.fail("joint_limits.distance_min", expected, &limits.distance_min);
             }
             check.positive("joint_limits.inertia", limits.inertia);
-            check.not_negative("joint_limits.rest_share", limits.rest_share);
+            check.not_negative("joint_limits.rest_fraction", limits.rest_fraction);
             check.positive("joint_limits.approach_speed", limits.approach_speed);
             check.not_negative("joint_limits.repulsion", limits.repulsion);
             check.not_negative("joint_limits.damping_1_s", limits.damping_1_s);
         }
         if let Some(speeds) = &self.joint_speeds {
-            if !(speeds.free_share > 0.0 && speeds.free_share < 1.0) {
-                let expected = "a share above 0 and below 1";
-                check.fail("joint_speeds.free_share", expected, &speeds.free_share);
+            if !(speeds.free_fraction > 0.0 && speeds.free_fraction < 1.0) {
+                let expected = "a fraction above 0 and below 1";
+                check.fail("joint_speeds.free_fraction", expected, &speeds.free_fraction);
             }
             check.positive("joint_speeds.inertia", speeds.inertia);
             check.not_negative("joint_speeds.damping_1_s", speeds.damping_1_s);
@@ -540,7 +540,7 @@ impl ControllerConfig {
         if let Some(collision) = &self.collision {
             check.avoidance("collision.avoidance", &collision.avoidance);
             check.not_negative("collision.margin_m", collision.margin_m);
-            check.positive("collision.onset_s", collision.onset_s);
+            check.positive("collision.ramp_time_s", collision.ramp_time_s);
             for exemption in &collision.exempt {
                 match exemption.extent {
                     Extent::Whole => {}
@@ -610,11 +610,11 @@ impl ControllerConfig {
             self.impedance.reference_time_constant_s,
         );
         if let Some(disturbance) = &self.disturbance {
-            check.share("disturbance.speed_share", disturbance.speed_share);
+            check.fraction("disturbance.speed_fraction", disturbance.speed_fraction);
             check.positive("disturbance.horizon_s", disturbance.horizon_s);
             check.positive("disturbance.time_constant_s", disturbance.time_constant_s);
         }
-        check.share("stop.deceleration_share", self.stop.deceleration_share);
+        check.fraction("stop.deceleration_fraction", self.stop.deceleration_fraction);
         check.positive("stop.duration_max_s", self.stop.duration_max_s);
         check.positive("stop.fade_in_s", self.stop.fade_in_s);
         if let Some(priority) = self.real_time.fifo_priority
@@ -723,8 +723,11 @@ mod tests {
 
     #[test]
     fn a_value_outside_its_range_is_named_with_the_range() {
-        let error = error_of(|t| t.replace("velocity_share: ", "velocity_share: 1"));
-        assert!(error.contains("robot.velocity_share") && error.contains("at most 1"), "{error}");
+        let error = error_of(|t| t.replace("velocity_fraction: ", "velocity_fraction: 1"));
+        assert!(
+            error.contains("robot.velocity_fraction") && error.contains("at most 1"),
+            "{error}"
+        );
         let error = error_of(|t| t.replace("period_ns: 1_000_000", "period_ns: 0"));
         assert!(error.contains("loop.period_ns"), "{error}");
         let error = error_of(|t| t.replace("spin_ns: 0", "spin_ns: 800_001"));
@@ -736,7 +739,7 @@ mod tests {
         let refused = [
             ("linear_max_m_s: 1.5", "linear_max_m_s: 0.0", "skill.governor.linear_max_m_s"),
             ("activation_distance: 0.2", "activation_distance: 0.001", "joint_limits.distance_min"),
-            ("free_share: 0.7", "free_share: 1.0", "joint_speeds.free_share"),
+            ("free_fraction: 0.7", "free_fraction: 1.0", "joint_speeds.free_fraction"),
             (
                 "posture: None",
                 "posture: Some((position: [0.0], inertia: 0.1, stiffness_1_s2: 1.0, \
@@ -744,15 +747,15 @@ mod tests {
                 "posture.position",
             ),
             ("Space((0.0, 0.0, 1.0))", "Space((0.0, 0.0, 0.0))", "collision.steering.side"),
-            ("onset_s: 0.02", "onset_s: -1.0", "collision.onset_s"),
+            ("ramp_time_s: 0.02", "ramp_time_s: -1.0", "collision.ramp_time_s"),
             ("extent: NearAxis(0.15)", "extent: NearAxis(-0.15)", "collision.exempt, NearAxis"),
             ("extent: Above(0.015)", "extent: Above(0.005)", "collision.exempt, Above"),
             ("margin_m: 0.0,", "margin_m: -0.005,", "self_collision.margin_m"),
             (
-                "skills_beside: []",
-                "skills_beside: [(linear_inertia_kg: 1.0, angular_inertia_kg_m2: 0.0, governor: \
+                "additional_skills: []",
+                "additional_skills: [(linear_inertia_kg: 1.0, angular_inertia_kg_m2: 0.0, governor: \
                  (linear_max_m_s: 1.0, angular_max_rad_s: 1.0, response_1_s: 8.0))]",
-                "skills_beside[0].angular_inertia_kg_m2",
+                "additional_skills[0].angular_inertia_kg_m2",
             ),
             (
                 "goal_attractor: None",

@@ -188,7 +188,7 @@ pub struct Canonical {
     /// Pose of the tool when the skill is done.
     pub goal: Pose,
     /// Whether the way to the goal turns with the frames, or only the tool's orientation does.
-    pub positions_turn: bool,
+    pub rotate_positions: bool,
     /// Phase up to which the skill is fixed to the start frame, from 0.
     pub start_phase: f64,
     /// Phase from which on it is fixed to the goal frame, up to 1.
@@ -249,7 +249,7 @@ pub struct Waypoint {
 pub struct FieldModel {
     /// Damping `d`: `B = d M` [1/s].
     pub damping_1_s: f64,
-    /// Width over which components pass into each other, as a share of the phase.
+    /// Width over which components pass into each other, as a fraction of the phase.
     pub phase_width: f64,
     /// Components in order of phase; the last one is the goal's.
     pub components: Vec<Component>,
@@ -377,7 +377,7 @@ pub struct ValleyCertificate {
     /// Smallest eigenvalue of the Hessian of Φ in the coordinates without the phase, relative to the
     /// metric [1/s²]: no smaller at any phase, since both are means of the components'.
     pub stiffness_min_1_s2: f64,
-    /// Least fall of the potential along the valley towards the goal, over a share of the phase
+    /// Least fall of the potential along the valley towards the goal, over a fraction of the phase
     /// [u²/s²], outside of the surroundings of the goal for which its Hessian speaks.
     pub descent_min: f64,
 }

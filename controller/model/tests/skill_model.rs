@@ -85,7 +85,7 @@ fn model() -> SkillModel {
             start: pose(0.0),
             goal_frame: pose(1.0),
             goal: pose(1.0),
-            positions_turn: true,
+            rotate_positions: true,
             start_phase: 0.1,
             goal_phase: 1.0,
             waypoints: vec![Waypoint {
@@ -204,8 +204,8 @@ fn missing_and_truncated_files_are_named() {
     assert!(matches!(missing, ModelError::Read { .. }));
     assert!(missing.to_string().contains("skill.model.ron"));
     let text = to_text(&model());
-    for share in [0.0, 0.01, 0.3, 0.9] {
-        let cut = (text.len() as f64 * share) as usize;
+    for fraction in [0.0, 0.01, 0.3, 0.9] {
+        let cut = (text.len() as f64 * fraction) as usize;
         let error = folder.refusal(&text[..cut]);
         assert!(matches!(error, ModelError::Syntax { .. }), "{error}");
         assert!(error.to_string().contains("truncated"), "{error}");

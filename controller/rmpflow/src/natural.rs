@@ -150,9 +150,9 @@ impl<const N: usize> Factor<N> {
             }
             inverse[j] = 1.0 / pivot;
             for k in j + 1..N {
-                let share = columns[j][k] * inverse[j];
+                let fraction = columns[j][k] * inverse[j];
                 for i in k..N {
-                    columns[k][i] -= share * columns[j][i];
+                    columns[k][i] -= fraction * columns[j][i];
                 }
             }
         }
@@ -163,9 +163,9 @@ impl<const N: usize> Factor<N> {
     #[inline]
     fn forward(&self, b: &mut [f64; N]) {
         for j in 0..N {
-            let share = b[j] * self.inverse[j];
+            let fraction = b[j] * self.inverse[j];
             for k in j + 1..N {
-                b[k] -= self.columns[j][k] * share;
+                b[k] -= self.columns[j][k] * fraction;
             }
         }
     }

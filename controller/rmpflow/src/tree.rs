@@ -16,7 +16,7 @@
 use glam::DVec3;
 use nalgebra::{SMatrix, SVector, Vector1};
 
-use crate::leaves::avoidance::{Avoidance, AvoidanceState, Body, Nearness, vector};
+use crate::leaves::avoidance::{Avoidance, AvoidanceState, Body, Proximity, vector};
 use crate::leaves::joint_limits::{JointLimits, JointSpeedLimits, Posture};
 use crate::leaves::obstacle::Obstacle;
 use crate::leaves::{CollisionAvoidance, JointDamping};
@@ -75,7 +75,7 @@ pub struct Resolved<const N: usize> {
     /// q̈ \[rad/s² or m/s²\].
     pub acceleration: SVector<f64, N>,
     /// Of obstacles.
-    pub nearness: Nearness,
+    pub proximity: Proximity,
     /// Least clearance of the robot from itself, margin taken off; infinite where no pair is close \[m\].
     pub self_clearance_min_m: f64,
     /// Ratio of the least to the largest pivot of the root's metric: near zero where some
@@ -127,13 +127,13 @@ impl<const N: usize> Tree<N> {
         let factor = root.factor()?;
         let free = root.resolve_with(&factor)?;
         let conditioning = factor.pivot_ratio();
-        let mut nearness = Nearness { clearance_min_m: f64::INFINITY, pressing: 0.0 };
+        let mut proximity = Proximity { clearance_min_m: f64::INFINITY, obstructed_fraction: 0.0 };
         let mut acceleration = free;
         if let Some(avoidance) = &self.avoidance {
             let before = root.force;
             let metric = root.metric;
             let seen = &mut state.avoidance;
-            nearness =
+            proximity =
                 avoidance.add(body, obstacles, &free, &factor, task.energy, dt, &mut root, seen);
             if root.force != before || root.metric != metric {
                 acceleration = root.resolve()?;
@@ -145,7 +145,7 @@ impl<const N: usize> Tree<N> {
             state.added += change;
             acceleration = free + state.added;
         }
-        Ok(Resolved { acceleration, nearness, self_clearance_min_m, conditioning })
+        Ok(Resolved { acceleration, proximity, self_clearance_min_m, conditioning })
     }
 }
 

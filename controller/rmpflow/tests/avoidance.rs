@@ -16,7 +16,7 @@ fn tree<const N: usize>(side: Side) -> Tree<N> {
         activation_distance_m: 0.3,
         clearance_min_m: 0.002,
         inertia_kg: 1.0,
-        rest_share: 0.1,
+        rest_fraction: 0.1,
         approach_speed_m_s: 1.0,
         repulsion_m2_s2: 0.0,
         damping_1_s: DAMPING,

@@ -14,7 +14,7 @@ const LEAF: CollisionAvoidance = CollisionAvoidance {
     activation_distance_m: 0.15,
     clearance_min_m: 0.002,
     inertia_kg: 1.0,
-    rest_share: 0.1,
+    rest_fraction: 0.1,
     approach_speed_m_s: 0.5,
     repulsion_m2_s2: 0.02,
     damping_1_s: 8.0,
@@ -128,7 +128,7 @@ fn tree(steering: Option<Steering>) -> Tree<3> {
         }),
         joint_speed_limits: Some(JointSpeedLimits {
             speed_max: Vector3::repeat(1.5),
-            free_share: 0.6,
+            free_fraction: 0.6,
             inertia: 0.1,
             damping_1_s: 8.0,
         }),
@@ -257,7 +257,7 @@ proptest! {
             let now = energy(&tree, &pull, &arm, &obstacles);
             prop_assert!(now <= before + 1e-6 * start.max(1.0), "step {}: {} > {}", step, now, before);
             before = now;
-            prop_assert!(solved.nearness.clearance_min_m > -0.01);
+            prop_assert!(solved.proximity.clearance_min_m > -0.01);
             prop_assert!(solved.self_clearance_min_m > 0.0);
             prop_assert!(solved.conditioning > 0.0 && solved.conditioning <= 1.0);
             prop_assert!(arm.q[0] < 2.4 && arm.q.min() > -2.4);
@@ -282,7 +282,7 @@ proptest! {
                 own.pairs = pairs.into();
             }
             let found = body(&tree, &mut TreeState::default());
-            (found.acceleration, found.nearness, found.self_clearance_min_m)
+            (found.acceleration, found.proximity, found.self_clearance_min_m)
         };
         let task = Pull { goal: DVec3::new(0.7, 1.0, 0.0) }.leaf(&arm.motion(5));
         let points = resolved(
@@ -369,7 +369,7 @@ fn a_link_that_is_blocked_is_led_around_the_obstacle() {
             let task = pull.leaf(&arm.motion(5));
             let solved =
                 tree.evaluate(&task, &arm.q, &arm.qd, &arm, &ball, 1e-3, &mut state).unwrap();
-            assert!(solved.nearness.clearance_min_m > -0.01);
+            assert!(solved.proximity.clearance_min_m > -0.01);
             assert!(solved.acceleration.amax() < 400.0, "{}", solved.acceleration);
             arm.qd += solved.acceleration * 1e-3;
             arm.q += arm.qd * 1e-3;
@@ -392,7 +392,7 @@ fn links_that_are_pressed_together_never_touch() {
     let after = |repulsion_m2_s2: f64| {
         let leaf = CollisionAvoidance {
             activation_distance_m: 0.05,
-            rest_share: 0.005,
+            rest_fraction: 0.005,
             repulsion_m2_s2,
             ..LEAF
         };

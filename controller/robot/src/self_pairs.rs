@@ -8,8 +8,8 @@ use crate::kinematics::{Kinematics, forward_kinematics, point_position};
 
 /// Postures that are tried.
 const POSTURE_COUNT: usize = 500;
-/// Pairs of links that touch in at least this share of them cannot help it.
-const TOUCHING_SHARE: f64 = 0.9;
+/// Pairs of links that touch in at least this fraction of them cannot help it.
+const TOUCHING_FRACTION: f64 = 0.9;
 
 /// Why two links need not keep clear of each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,12 +77,12 @@ impl SelfPairs {
                 let is_exempt = exempt.iter().any(|(x, y)| {
                     (x == name(one) && y == name(other)) || (x == name(other) && y == name(one))
                 });
-                let share = touching[a * links.len() + b] as f64 / POSTURE_COUNT as f64;
+                let fraction = touching[a * links.len() + b] as f64 / POSTURE_COUNT as f64;
                 let ignored = if joint(one).abs_diff(joint(other)) <= 1 {
                     Some(Ignored::Adjacent)
                 } else if is_exempt {
                     Some(Ignored::Exempt)
-                } else if share >= TOUCHING_SHARE {
+                } else if fraction >= TOUCHING_FRACTION {
                     Some(Ignored::Touching)
                 } else {
                     None

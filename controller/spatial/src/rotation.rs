@@ -140,15 +140,15 @@ pub fn orientation_chart(goal: DQuat, orientation: DQuat, angular: DVec3) -> Cha
             ]),
         )
     } else {
-        let half_sine_share = relative.xyz().length() / squared.sqrt();
-        let sine_share = 2.0 * cosine * half_sine_share;
+        let half_sine_fraction = relative.xyz().length() / squared.sqrt();
+        let sine_fraction = 2.0 * cosine * half_sine_fraction;
         let inverse = 1.0 / squared;
-        let a = 2.0 * half_sine_share * half_sine_share;
-        let b = (1.0 - sine_share) * inverse;
+        let a = 2.0 * half_sine_fraction * half_sine_fraction;
+        let b = (1.0 - sine_fraction) * inverse;
         (
             b,
-            (1.0 - 0.5 * cosine / half_sine_share) * inverse,
-            (0.5 * sine_share - a) * inverse,
+            (1.0 - 0.5 * cosine / half_sine_fraction) * inverse,
+            (0.5 * sine_fraction - a) * inverse,
             (0.5 * a - 1.5 * b) * inverse,
         )
     };

@@ -24,7 +24,7 @@ pub struct ExternalCommand {
     newest: Option<Heard>,
     /// It, smoothed: the velocity of the leaf.
     wished: Twist,
-    /// Share of its weight that the leaf has, 0 to 1.
+    /// Fraction of its weight that the leaf has, 0 to 1.
     weight: f64,
 }
 
@@ -89,13 +89,13 @@ impl ExternalCommand {
             self.wished = velocity;
         }
         self.weight = (self.weight + step).min(1.0);
-        let share = dt / (dt + self.fade_s);
+        let fraction = dt / (dt + self.fade_s);
         for (wished, to) in [
             (&mut self.wished.linear, velocity.linear),
             (&mut self.wished.angular, velocity.angular),
         ] {
             let change = to - *wished;
-            *wished = if change.length() < NEAR { to } else { *wished + change * share };
+            *wished = if change.length() < NEAR { to } else { *wished + change * fraction };
         }
     }
 

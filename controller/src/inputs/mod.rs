@@ -183,11 +183,11 @@ fn observed(
         linear = last.acceleration.linear;
         angular = last.acceleration.angular;
         if elapsed_s > 0.0 {
-            let share = elapsed_s / (elapsed_s + observer.time_constant_s);
+            let fraction = elapsed_s / (elapsed_s + observer.time_constant_s);
             let rate = (now.velocity.linear - last.velocity.linear) / elapsed_s;
-            linear += (rate - linear) * share;
+            linear += (rate - linear) * fraction;
             let rate = (now.velocity.angular - last.velocity.angular) / elapsed_s;
-            angular += (rate - angular) * share;
+            angular += (rate - angular) * fraction;
         }
     }
     // Velocities at the edge of what a number holds must not stay in the filter.

@@ -56,8 +56,8 @@ impl<const N: usize> DisturbanceObserver<N> {
             self.estimate = SVector::zeros();
         } else if !self.saturated {
             let beside = (velocity - before) / elapsed_s - self.asked / self.asked_s;
-            let share = elapsed_s / (elapsed_s + self.settings.time_constant_s);
-            self.estimate += (beside - self.estimate) * share;
+            let fraction = elapsed_s / (elapsed_s + self.settings.time_constant_s);
+            self.estimate += (beside - self.estimate) * fraction;
         }
         *self = Self { estimate: self.estimate, ..Self::new(self.settings) };
         self.last = Some((*velocity, time_ns));
@@ -92,7 +92,7 @@ impl<const N: usize> DisturbanceObserver<N> {
         velocity_max: &SVector<f64, N>,
     ) -> SVector<f64, N> {
         SVector::from_fn(|i, _| {
-            let yields = self.settings.speed_share * velocity_max[i];
+            let yields = self.settings.speed_fraction * velocity_max[i];
             let room = |bound: f64| (bound - velocity[i]) / self.settings.horizon_s;
             let upper = room(yields.max(reference_velocity[i]));
             let lower = room((-yields).min(reference_velocity[i]));
@@ -107,7 +107,7 @@ mod tests {
     use nalgebra::Vector1;
 
     const SETTINGS: Disturbance =
-        Disturbance { speed_share: 0.15, horizon_s: 0.01, time_constant_s: 0.002 };
+        Disturbance { speed_fraction: 0.15, horizon_s: 0.01, time_constant_s: 0.002 };
 
     /// A joint that rests is pushed with `push` \[rad/s²\] for 0.2 s; commands act `delay` ticks of 1 ms
     /// late, and states come every 2 ms. Gives the largest speed and that at the end.

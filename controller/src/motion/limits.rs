@@ -29,9 +29,9 @@ impl<const N: usize> JointLimits<N> {
         Self {
             position_lower,
             position_upper,
-            velocity_max: chain.velocity_max() * robot.velocity_share,
+            velocity_max: chain.velocity_max() * robot.velocity_fraction,
             acceleration_max: SVector::from_column_slice(&robot.acceleration_max),
-            effort_max: chain.effort_max() * robot.effort_share,
+            effort_max: chain.effort_max() * robot.effort_fraction,
             position_end: [*chain.position_lower(), *chain.position_upper()],
         }
     }

@@ -123,7 +123,7 @@ impl<const N: usize> Motion<N> {
         let mut reference = self.reference.unwrap_or(Reference::at(state, &self.limits));
         let fade = (self.fade_s / self.stop.fade_in_s).min(1.0);
         self.fade_s += dt;
-        let brake = braking(&reference.velocity, &self.limits, self.stop.deceleration_share, dt);
+        let brake = braking(&reference.velocity, &self.limits, self.stop.deceleration_fraction, dt);
         let faded = wanted * fade + brake * (1.0 - fade);
         let acceleration =
             self.limits.acceleration(&faded, &reference.position, &reference.velocity, dt);
@@ -153,8 +153,8 @@ impl<const N: usize> Motion<N> {
             Some(state) => Reference::at(&state, &self.limits),
             None => self.reference.or(measured.map(|state| Reference::at(&state, &self.limits)))?,
         };
-        let share = self.stop.deceleration_share;
-        let wanted = braking(&reference.velocity, &self.limits, share, dt);
+        let fraction = self.stop.deceleration_fraction;
+        let wanted = braking(&reference.velocity, &self.limits, fraction, dt);
         let acceleration =
             self.limits.acceleration(&wanted, &reference.position, &reference.velocity, dt);
         reference.integrate(&acceleration, dt);

@@ -41,9 +41,9 @@ impl<const N: usize> Reference<N> {
         time_constant_s: f64,
         dt: f64,
     ) {
-        let share = dt / (dt + time_constant_s);
-        self.position += (measured.position - self.position) * share;
-        self.velocity += (measured.velocity - self.velocity) * share;
+        let fraction = dt / (dt + time_constant_s);
+        self.position += (measured.position - self.position) * fraction;
+        self.velocity += (measured.velocity - self.velocity) * fraction;
         // At rest it is zero, not ever smaller: processors are slow with subnormal numbers.
         self.velocity = self.velocity.zip_map(&limits.velocity_max, |v, most| {
             if v.abs() < VELOCITY_REST { 0.0 } else { v.clamp(-most, most) }
@@ -55,18 +55,18 @@ impl<const N: usize> Reference<N> {
 const VELOCITY_REST: f64 = 1e-12;
 
 /// The acceleration that brings the reference to rest: every joint arrives at zero together, the
-/// hardest-braked one with `share` of its largest acceleration.
+/// hardest-braked one with `fraction` of its largest acceleration.
 #[must_use]
 pub fn braking<const N: usize>(
     velocity: &SVector<f64, N>,
     limits: &JointLimits<N>,
-    share: f64,
+    fraction: f64,
     dt: f64,
 ) -> SVector<f64, N> {
     let longest = velocity
         .iter()
         .zip(limits.acceleration_max.iter())
-        .map(|(v, a)| v.abs() / (a * share))
+        .map(|(v, a)| v.abs() / (a * fraction))
         .fold(dt, f64::max);
     velocity * (-1.0 / longest)
 }

@@ -6,24 +6,24 @@ use tprmp_messages::{LifeCycle, Reason};
 const SPEED_MAX: f64 = 0.01;
 /// … for so long [s].
 const DURATION_S: f64 = 1.0;
-/// An arm that moves makes no headway when the distance to its goal changes by this share of it or less …
-const HEADWAY_SHARE: f64 = 0.2;
+/// An arm that moves makes no headway when the distance to its goal changes by this fraction of it or less …
+const HEADWAY_FRACTION: f64 = 0.2;
 /// … for so long [s]; far from obstacles, when the energy of its skills does so as well, and their goal
 /// rests: an arm may go round its goal, or follow it.
 const HEADWAY_S: f64 = 3.0;
 /// A goal rests that is slower than this [m/s].
 const GOAL_REST_M_S: f64 = 0.01;
-/// An arm that makes no headway presses on an obstacle when at least this share of the velocity it
+/// An arm that makes no headway presses on an obstacle when at least this fraction of the velocity it
 /// wants leads into one …
-const PRESSING_MIN: f64 = 0.02;
+const OBSTRUCTED_MIN: f64 = 0.02;
 /// … or when it is as close as this to one, or to itself, beyond the margins [m].
 const CLEARANCE_MIN_M: f64 = 0.01;
 
 /// What the arm is near to.
 #[derive(Debug, Clone, Copy)]
 pub struct Surroundings {
-    /// Share of the wanted velocity that leads into an obstacle.
-    pub pressing: f64,
+    /// Fraction of the wanted velocity that leads into an obstacle.
+    pub obstructed_fraction: f64,
     /// Least clearance from obstacles and from itself \[m\].
     pub clearance_min_m: f64,
 }
@@ -61,7 +61,7 @@ impl Stagnation {
     /// Takes in a value; begins anew where it has changed, or where it is not `watched`. Returns
     /// whether it has been about the same for long.
     fn advance(&mut self, value: f64, watched: bool, dt: f64) -> bool {
-        if watched && (value - self.value).abs() <= HEADWAY_SHARE * self.value.abs() {
+        if watched && (value - self.value).abs() <= HEADWAY_FRACTION * self.value.abs() {
             self.since_s += dt;
         } else {
             *self = Self { since_s: 0.0, value };
@@ -85,8 +85,8 @@ impl Standstill {
         led: bool,
         dt: f64,
     ) -> Reason {
-        let blocked =
-            surroundings.pressing > PRESSING_MIN || surroundings.clearance_min_m < CLEARANCE_MIN_M;
+        let blocked = surroundings.obstructed_fraction > OBSTRUCTED_MIN
+            || surroundings.clearance_min_m < CLEARANCE_MIN_M;
         let under_way = matches!(life_cycle, LifeCycle::Running | LifeCycle::Lifting);
         let still = under_way && headway.speed < SPEED_MAX && (blocked || !led);
         self.still_s = if still { self.still_s + dt } else { 0.0 };
@@ -115,8 +115,8 @@ mod tests {
 
     #[test]
     fn an_arm_that_stands_still_short_of_its_goal_is_blocked_or_out_of_reach() {
-        let free = Surroundings { pressing: 0.0, clearance_min_m: f64::INFINITY };
-        let against = Surroundings { pressing: 0.5, ..free };
+        let free = Surroundings { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
+        let against = Surroundings { obstructed_fraction: 0.5, ..free };
         let close = Surroundings { clearance_min_m: 0.001, ..free };
         let after = |life_cycle, speed, surroundings: &Surroundings| {
             let mut standstill = Standstill::default();
@@ -152,14 +152,14 @@ mod tests {
 
     #[test]
     fn an_arm_that_creeps_along_an_obstacle_is_blocked_until_it_gets_on() {
-        let free = Surroundings { pressing: 0.0, clearance_min_m: f64::INFINITY };
-        let against = Surroundings { pressing: 0.5, ..free };
-        let after = |seconds: usize, share: f64, surroundings: &Surroundings| {
+        let free = Surroundings { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
+        let against = Surroundings { obstructed_fraction: 0.5, ..free };
+        let after = |seconds: usize, fraction: f64, surroundings: &Surroundings| {
             let mut standstill = Standstill::default();
             let mut distance = 0.2;
             let mut reason = Reason::None;
             for _ in 0..seconds * 100 {
-                distance *= share.powf(0.01);
+                distance *= fraction.powf(0.01);
                 reason = standstill.advance(
                     LifeCycle::Running,
                     &headway(0.05, distance),
@@ -179,8 +179,8 @@ mod tests {
 
     #[test]
     fn an_arm_that_is_led_is_blocked_by_obstacles_only() {
-        let free = Surroundings { pressing: 0.0, clearance_min_m: f64::INFINITY };
-        let against = Surroundings { pressing: 0.5, ..free };
+        let free = Surroundings { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
+        let against = Surroundings { obstructed_fraction: 0.5, ..free };
         let mut standstill = Standstill::default();
         let mut advance = |surroundings, speed, led| {
             standstill.advance(LifeCycle::Running, &headway(speed, 0.2), surroundings, led, 0.9)
@@ -198,7 +198,7 @@ mod tests {
 
     #[test]
     fn an_arm_that_drifts_while_its_goal_rests_is_told_to_be_out_of_reach() {
-        let free = Surroundings { pressing: 0.0, clearance_min_m: f64::INFINITY };
+        let free = Surroundings { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
         let after = |goal_speed_m_s: f64, energy: f64, seconds: usize| {
             let mut standstill = Standstill::default();
             let mut headway = Headway { speed: 0.1, distance_m: 0.2, energy: 1.0, goal_speed_m_s };

@@ -173,7 +173,7 @@ mod tests {
     }
 
     /// A publisher with a jitter; the loop sleeps `POLL_NS` or spins in looks of 200 ns. Gives the
-    /// share of states that were met while spinning, and of the time spent so.
+    /// fraction of states that were met while spinning, and of the time spent so.
     fn wait_for(interval_ns: u64, jitter_ns: u64, spin_ns: u64) -> (f64, f64) {
         let mut arrivals = Arrivals::new(PERIOD_NS, spin_ns, 0);
         let (mut now, mut met, mut spun) = (0, 0, 0);

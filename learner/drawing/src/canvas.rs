@@ -9,8 +9,8 @@ use crate::svg::{Figure, Panel, Sign, Stroke, number, ticks_of_length};
 
 /// Longest side of the axes of a planar and of a spatial skill [px].
 const SIDES_PX: [f64; 2] = [620.0, 360.0];
-/// Length of a frame's axes, in shares of the longest side.
-const FRAME_SHARE: f64 = 0.07;
+/// Length of a frame's axes, in fractions of the longest side.
+const FRAME_FRACTION: f64 = 0.07;
 /// More room around a name is not looked for [px].
 const ROOM_MAX_PX: f64 = 14.0;
 
@@ -23,7 +23,7 @@ pub struct Canvas {
 }
 
 impl Canvas {
-    /// For a planar or a spatial skill, around points, with a margin that is a share of the longest
+    /// For a planar or a spatial skill, around points, with a margin that is a fraction of the longest
     /// side.
     pub fn new(planar: bool, points: impl IntoIterator<Item = DVec3>, margin: f64) -> Self {
         let views = if planar { PLANE } else { SPACE };
@@ -91,8 +91,8 @@ impl Canvas {
         let side = (self.space.high - self.space.low).max_element();
         let count = if self.planar() { 2 } else { 3 };
         let on_axis = |axis: DVec3| {
-            let arm = frame.orientation * axis * (FRAME_SHARE * side);
-            [0.5, 1.0].map(|share| view.point(frame.position + arm * share))
+            let arm = frame.orientation * axis * (FRAME_FRACTION * side);
+            [0.5, 1.0].map(|fraction| view.point(frame.position + arm * fraction))
         };
         DVec3::AXES.into_iter().take(count).flat_map(on_axis).collect()
     }

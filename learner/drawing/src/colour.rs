@@ -33,10 +33,10 @@ const ROOT_BANDS: f64 = 24.0;
 /// Values that span a larger ratio are put on a logarithmic scale, where that is allowed.
 const RATIO_MAX: f64 = 30.0;
 
-/// The colour at a share from 0 (dark) to 1 (light), mixed with a share of white.
-fn viridis(share: f64, white: f64) -> String {
+/// The colour at a fraction from 0 (dark) to 1 (light), mixed with a fraction of white.
+fn viridis(fraction: f64, white: f64) -> String {
     let last = VIRIDIS.len() - 1;
-    let at = share.clamp(0.0, 1.0) * last as f64;
+    let at = fraction.clamp(0.0, 1.0) * last as f64;
     let i = (at as usize).min(last - 1);
     let colour = |i: usize| DVec3::from_array(VIRIDIS[i].map(f64::from));
     let mixed = colour(i).lerp(colour(i + 1), at - i as f64).lerp(DVec3::splat(255.0), white);
@@ -120,12 +120,12 @@ impl Scale {
 
     /// The colour of a band.
     pub fn colour(&self, band: usize) -> String {
-        let share = (band as f64 + 0.5) / self.bands() as f64;
+        let fraction = (band as f64 + 0.5) / self.bands() as f64;
         match self.kind {
-            Kind::Areas => viridis(1.0 - share, PALE),
+            Kind::Areas => viridis(1.0 - fraction, PALE),
             // The lightest of the map are lost on white.
-            Kind::Lines => viridis(0.93 * (1.0 - share), 0.0),
-            Kind::Phases => of_phase(share),
+            Kind::Lines => viridis(0.93 * (1.0 - fraction), 0.0),
+            Kind::Phases => of_phase(fraction),
         }
     }
 }

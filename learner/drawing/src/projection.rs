@@ -2,8 +2,8 @@
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
-/// Least side of a box, in shares of the longest.
-const SIDE_SHARE_MIN: f64 = 0.3;
+/// Least side of a box, in fractions of the longest.
+const SIDE_FRACTION_MIN: f64 = 0.3;
 
 /// A parallel projection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,13 +114,13 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Around points of the plane or of space, with a margin that is a share of the largest side. No
+    /// Around points of the plane or of space, with a margin that is a fraction of the largest side. No
     /// side is so thin that its axis could not be read; in the plane there is no height.
     pub fn around(planar: bool, points: impl IntoIterator<Item = DVec3>, margin: f64) -> Self {
         let ends = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let (low, high) = points.into_iter().fold(ends, |(low, high), p| (low.min(p), high.max(p)));
         let side = (high - low).max_element();
-        let thin = (DVec3::splat(SIDE_SHARE_MIN * side) - (high - low)) * 0.5;
+        let thin = (DVec3::splat(SIDE_FRACTION_MIN * side) - (high - low)) * 0.5;
         let mut room = thin.max(DVec3::splat(margin * side));
         if planar {
             room.z = 0.0;

@@ -338,7 +338,7 @@ fn tick_line(from: DVec2, to: DVec2, tick: DVec2, filled: bool) -> String {
     grid + &line(to, to + tick, AXIS)
 }
 
-/// Panels in rows, with what they share.
+/// Panels in rows, with what they fraction.
 #[derive(Debug, Clone)]
 pub struct Figure {
     /// Title.

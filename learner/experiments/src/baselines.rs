@@ -26,6 +26,6 @@ pub(crate) fn sampled(points: &[DVec3], step_s: f64, time_s: f64) -> [DVec3; 3] 
         [b, (c - a) / (between * step_s), bend]
     };
     let ([p, v, a], [q, w, b]) = (difference(i), difference(i + 1));
-    let share = at - i as f64;
-    [p.lerp(q, share), v.lerp(w, share), a.lerp(b, share)]
+    let fraction = at - i as f64;
+    [p.lerp(q, fraction), v.lerp(w, fraction), a.lerp(b, fraction)]
 }

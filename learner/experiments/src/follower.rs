@@ -54,8 +54,8 @@ pub trait Follower {
     /// Told how the body really accelerates until the next evaluation [m/s², rad/s²].
     fn advance(&mut self, _wish: &Wish, _linear: DVec3, _angular: DVec3, _step_s: f64) {}
 
-    /// Told which share of the velocity that it wants leads into an obstacle.
-    fn press(&mut self, _share: f64) {}
+    /// Told which fraction of the velocity that it wants leads into an obstacle.
+    fn set_obstructed(&mut self, _fraction: f64) {}
 
     /// Where it rests with these frames; `None` when it knows of no goal of its own.
     fn goal(&mut self, _frames: &[MovingPose]) -> Option<Pose> {
@@ -158,8 +158,8 @@ impl Follower for Learned<'_> {
         }
     }
 
-    fn press(&mut self, share: f64) {
-        self.state.press(share);
+    fn set_obstructed(&mut self, fraction: f64) {
+        self.state.set_obstructed(fraction);
     }
 
     fn goal(&mut self, frames: &[MovingPose]) -> Option<Pose> {

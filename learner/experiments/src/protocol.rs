@@ -17,9 +17,9 @@ use super::models::{Kind, Models, space};
 use super::progress;
 use super::results::{Row, finite};
 use super::world::{Ball, Course, GoalMotion, Push, Trace, run};
+use tprmp_learner::canonical::kaiser_smoothing::kaiser_smoothing;
 use tprmp_learner::canonical::mean_goal;
-use tprmp_learner::canonical::running_mean::running_mean;
-use tprmp_learner::skill::RunningMean;
+use tprmp_learner::skill::KaiserSmoothing;
 
 /// Step of all rollouts, as in the thesis [s].
 pub const STEP_S: f64 = 0.01;
@@ -34,7 +34,7 @@ const STOPS_WITHIN_M: [f64; 2] = [0.1, 0.05];
 /// The push, as in the thesis: steps 50 to 150.
 const PUSH_S: [f64; 2] = [0.5, 1.5];
 /// How the thesis smooths demonstrations.
-const PUBLISHED_SMOOTHING: RunningMean = RunningMean { window_s: 0.3, shape: 14.0 };
+const PUBLISHED_SMOOTHING: KaiserSmoothing = KaiserSmoothing { window_s: 0.3, shape: 14.0 };
 /// The thesis' own conditions: the goal stops within this distance of the policy's own [m] …
 const PUBLISHED_STOPS_M: f64 = 0.2;
 /// … a rollout takes at most so long [s]; twice that with an obstacle, unbounded when it tracks.
@@ -446,7 +446,7 @@ impl Bench<'_> {
         let set = &self.skills[case.skill];
         let dt = set.demonstrations[case.demonstration].sampling_time_s;
         let smoothed = if case.tracks {
-            running_mean(set.motion(case.demonstration), dt, PUBLISHED_SMOOTHING)
+            kaiser_smoothing(set.motion(case.demonstration), dt, PUBLISHED_SMOOTHING)
         } else {
             Vec::new()
         };

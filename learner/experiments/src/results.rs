@@ -46,7 +46,7 @@ pub struct Row {
     pub feasible: bool,
     /// Final angle to the true goal, in space [°].
     pub goal_error_deg: Option<f64>,
-    /// Largest rise of V in a step beyond rounding as a share of what it falls by, frames at rest.
+    /// Largest rise of V in a step beyond rounding as a fraction of what it falls by, frames at rest.
     pub energy_rise_max: Option<f64>,
     /// Starts that reached the goal, of how many.
     pub starts_reached: Option<[u32; 2]>,

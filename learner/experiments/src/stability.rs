@@ -19,9 +19,9 @@ use super::results::{Row, finite};
 use super::world::{Course, GoalMotion, resolve, run};
 use tprmp_learner::canonical::savitzky_golay::smooth;
 
-/// Random starts lie in the box around the demonstrations, larger by this share of its diagonal on
+/// Random starts lie in the box around the demonstrations, larger by this fraction of its diagonal on
 /// each side.
-const MARGIN_SHARE: f64 = 0.18;
+const MARGIN_FRACTION: f64 = 0.18;
 /// They start turned by at most this against the demonstrated start [rad].
 const TURN_RAD: f64 = 0.5;
 /// Window in which demonstrations are smoothed for their accelerations [s].
@@ -95,7 +95,7 @@ impl Bench<'_> {
             || set.demonstrations.iter().flat_map(|d| d.poses.iter().map(|pose| pose.position));
         let low = points().fold(DVec3::INFINITY, DVec3::min);
         let high = points().fold(DVec3::NEG_INFINITY, DVec3::max);
-        let mut margin = DVec3::splat(MARGIN_SHARE * (high - low).length());
+        let mut margin = DVec3::splat(MARGIN_FRACTION * (high - low).length());
         if set.manifold == Manifold::R2 {
             margin.z = 0.0;
         }
@@ -105,8 +105,8 @@ impl Bench<'_> {
         let mut row = self.base_row(set, kind, "random_starts", format!("{count} random starts"));
         let (mut reached, mut rise, mut worst, mut fastest) = (0, 0.0_f64, 0.0_f64, 0.0_f64);
         for i in 0..count {
-            let share = DVec3::from_array(std::array::from_fn(|_| random.random::<f64>()));
-            let position = low - margin + (high - low + 2.0 * margin) * share;
+            let fraction = DVec3::from_array(std::array::from_fn(|_| random.random::<f64>()));
+            let position = low - margin + (high - low + 2.0 * margin) * fraction;
             let mut course = shown_course(set, i % set.demonstrations.len());
             course.start.position = position;
             if set.manifold.has_orientation() {
@@ -141,7 +141,7 @@ impl Bench<'_> {
         for set in planar.into_iter().chain(spatial) {
             let mut time = |row: Row, follower: &mut dyn Follower| {
                 let times = time_one(follower, &shown_course(set, 0), self.extent.timed);
-                let at = |share| quantile(&times, share).unwrap_or(f64::NAN);
+                let at = |fraction| quantile(&times, fraction).unwrap_or(f64::NAN);
                 rows.push((Row { iteration_us: Some([at(0.5), at(0.99), at(1.0)]), ..row }, times));
             };
             let name =
@@ -185,10 +185,10 @@ fn time_one(follower: &mut dyn Follower, course: &Course, count: usize) -> Vec<f
     let mut once = |i: usize| {
         let time_s = DURATION_S * i as f64 / count as f64;
         frames[1] = moving.goal_motion.at(&course.frames[1], time_s);
-        let share = i as f64 / count as f64;
+        let fraction = i as f64 / count as f64;
         let pose = Pose {
-            position: course.start.position.lerp(goal.position, share),
-            orientation: course.start.orientation.slerp(goal.orientation, share),
+            position: course.start.position.lerp(goal.position, fraction),
+            orientation: course.start.orientation.slerp(goal.orientation, fraction),
         };
         let linear = (goal.position - course.start.position) * 0.1;
         let moment = Moment { time_s, frames: &frames, pose, linear, angular: DVec3::ZERO };

@@ -8,8 +8,8 @@ use super::results::Row;
 /// Longest training of a planar skill and of the pick [s].
 const TRAINING_MAX_S: [f64; 2] = [1.0, 3.0];
 
-/// How far medians of the thesis' policy may be from the published ones, as a share of them.
-const REPRODUCED_SHARE: f64 = 0.1;
+/// How far medians of the thesis' policy may be from the published ones, as a fraction of them.
+const REPRODUCED_FRACTION: f64 = 0.1;
 
 /// One demand and what was measured.
 #[derive(Clone, Debug, PartialEq)]
@@ -91,7 +91,7 @@ pub fn reproduction(rows: &[Row], figures: &[Published]) -> Verdict {
             let found = median(&own, |row| row.thesis_metric);
             let text = format!("K = {k}: {found:.3} m, published {published:.3}");
             // Not a number is not near.
-            let near = (found / published - 1.0).abs() <= REPRODUCED_SHARE;
+            let near = (found / published - 1.0).abs() <= REPRODUCED_FRACTION;
             if !near {
                 failures.push(text.clone());
             }

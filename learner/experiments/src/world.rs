@@ -92,7 +92,7 @@ impl Push {
     }
 }
 
-/// A ball (in the plane: a disc) that goes along with half the goal's displacement.
+/// A ball (in the plane: a disc) that goes along with half the goal's transforms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ball {
     /// Centre when the goal is where it was shown [m].
@@ -136,7 +136,7 @@ const CLEAR: CollisionAvoidance = CollisionAvoidance {
     activation_distance_m: 0.3,
     clearance_min_m: 0.005,
     inertia_kg: INERTIA_KG,
-    rest_share: 0.1,
+    rest_fraction: 0.1,
     approach_speed_m_s: 1.0,
     repulsion_m2_s2: 0.0,
     damping_1_s: 8.0,
@@ -152,7 +152,7 @@ const STEERING: Steering = Steering {
 const MARGIN_M: f64 = 0.02;
 
 /// Adds what keeps the body clear of obstacles, in the N linear coordinates in which it moves. Returns the
-/// share of the wanted velocity that leads into them.
+/// fraction of the wanted velocity that leads into them.
 #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
 fn avoid<const N: usize>(
     ball: FreeBall,
@@ -179,7 +179,7 @@ fn avoid<const N: usize>(
     let seen = avoidance.add(&ball, obstacles, &wanted, &factor, energy, step_s, &mut root, state);
     natural.force.fixed_rows_mut::<N>(0).copy_from(&root.force);
     natural.metric.fixed_view_mut::<N, N>(0, 0).copy_from(&root.metric);
-    seen.pressing
+    seen.obstructed_fraction
 }
 
 /// What happens to the body.
@@ -232,7 +232,7 @@ pub struct Trace {
     pub acceleration_max_m_s2: f64,
     /// Largest distance between the surfaces' least, negative when it touched [m].
     pub clearance_min_m: Option<f64>,
-    /// Largest rise of V in a step beyond rounding, as a share of what V falls by on the way.
+    /// Largest rise of V in a step beyond rounding, as a fraction of what V falls by on the way.
     pub energy_rise_max: f64,
     /// Poses up to the thesis' stop.
     pub stopped_at: usize,
@@ -348,7 +348,7 @@ pub fn run(follower: &mut dyn Follower, course: &Course) -> Trace {
             };
             let free = resolve(&natural, manifold).map_or(DVec3::ZERO, |[a, _]| a);
             let (energy, step_s, state) = (wish.energy, course.step_s, &mut sides);
-            follower.press(if manifold == Manifold::R2 {
+            follower.set_obstructed(if manifold == Manifold::R2 {
                 let side = Side::Plane;
                 avoid::<2>(body, &obstacle, free, energy, step_s, side, &mut natural, state)
             } else {

@@ -5,7 +5,7 @@
 //! minimise  mean over i, s  |y°_i(s) − m(s) − Σ_j b_j(s) E_j u_i|² + λ Σ_j |E_j|²
 //! ```
 //!
-//! Positions and rotations are learned apart. Which part of the shift they follow, displacement, turn
+//! Positions and rotations are learned apart. Which part of the shift they follow, transforms, turn
 //! or both, and how strong λ is, is chosen by leaving out each demonstration in turn and foretelling it
 //! from the others. Where that tells no more than their mean does, nothing is learned: what is left is
 //! chance.
@@ -24,14 +24,14 @@ pub const DEMONSTRATIONS_MIN: usize = 3;
 /// λ, from strong to weak.
 const RIDGES: [f64; 7] = [0.3, 0.1, 0.03, 0.01, 0.003, 0.001, 0.0003];
 /// A regression is taken when it foretells demonstrations this much better than their mean, or more.
-const BETTER_SHARE: f64 = 0.8;
+const BETTER_FRACTION: f64 = 0.8;
 /// Shifts below this were not shown [ŷ, or rad].
 const SHIFT_MIN: f64 = 0.03;
 
 /// A demonstration as far as the regression sees it.
 #[derive(Clone, Debug)]
 pub struct Seen {
-    /// Displacement [m] and turn [rad] of its goal frame against its start frame.
+    /// FrameTransforms [m] and turn [rad] of its goal frame against its start frame.
     pub shift: [DVec3; 2],
     /// Positions and rotations y° at the compared phases [ŷ].
     pub path: Vec<[DVec3; 2]>,
@@ -93,7 +93,7 @@ pub fn learn(seen: &[Seen], phases: &[f64], scales: [f64; 2]) -> Learned {
                 let regression = Regression::new(&shifts, &paths, &values, parts);
                 for ridge in RIDGES {
                     let error = regression.foretelling_error(ridge);
-                    if error < best.0.min(BETTER_SHARE * by_mean) {
+                    if error < best.0.min(BETTER_FRACTION * by_mean) {
                         best = (error, Some((parts, ridge)));
                     }
                 }
@@ -176,20 +176,21 @@ impl<'a> Regression<'a> {
 
     /// Solves the normal equations, whose matrix is a Kronecker product plus λ.
     fn solve(&self, of: &[usize], ridge: f64) -> Solution {
-        let share = 1.0 / of.len() as f64;
+        let fraction = 1.0 / of.len() as f64;
         let size = 3 * self.parts.len();
-        let input = of.iter().fold(DVector::zeros(size), |sum, i| sum + &self.inputs[*i]) * share;
+        let input =
+            of.iter().fold(DVector::zeros(size), |sum, i| sum + &self.inputs[*i]) * fraction;
         if size == 0 {
             return Solution { input, weights: DMatrix::zeros(0, 3) };
         }
         let mean = of.iter().fold(DMatrix::zeros(SPLINES, 3), |sum, i| sum + &self.projected[*i]);
-        let mean = mean * share;
+        let mean = mean * fraction;
         let mut covariance = DMatrix::zeros(size, size);
         let mut right = DMatrix::zeros(size * SPLINES, 3);
         for i in of {
             let away = &self.inputs[*i] - &input;
-            covariance += &away * away.transpose() * share;
-            right += away.kronecker(&((&self.projected[*i] - &mean) * share));
+            covariance += &away * away.transpose() * fraction;
+            right += away.kronecker(&((&self.projected[*i] - &mean) * fraction));
         }
         let mut matrix = covariance.kronecker(&self.gram);
         for i in 0..matrix.nrows() {

@@ -2,7 +2,7 @@
 //!
 //! The canonical frames are the means of the demonstrations' frames; the goal is the mean final
 //! pose of the tool relative to the goal frame. Rest before and after the motion is cut; in between
-//! the phase of a demonstration is its time as a share, at rest at either end. Each demonstration is
+//! the phase of a demonstration is its time as a fraction, at rest at either end. Each demonstration is
 //! pulled back through the map of its own frames ([`tprmp_rmpflow::policy::canonical::frame_map`]), then smoothed.
 //!
 //! Further frames act where they matter: at the phase at which the demonstrations, seen from such a
@@ -10,14 +10,14 @@
 //! left out of the map.
 
 pub mod adaptation;
+pub mod kaiser_smoothing;
 pub mod orientation;
 pub mod pace;
-pub mod running_mean;
 pub mod savitzky_golay;
 
 use glam::{DQuat, DVec3};
 use tprmp_rmpflow::policy::canonical::frame_map::{
-    Anchor, Canonical, Displacement, FrameMap, FrameMapError, PHASE_DISTANCE_MIN,
+    Anchor, Canonical, FrameMap, FrameMapError, FrameTransforms, PHASE_DISTANCE_MIN,
 };
 use tprmp_spatial::{MovingPose, Pose};
 
@@ -33,22 +33,22 @@ use crate::skill::{FitSettings, Scale, Skill, Smoothing};
 /// Largest angle between a demonstrated orientation and the goal's [rad]: the chart ends at π.
 const ANGLE_MAX_RAD: f64 = 0.95 * std::f64::consts::PI;
 /// Positions follow the turn of the frames unless the demonstrations foretell each other so much better
-/// when they do not: then the error is this share of it or less. Below 1: it takes frames that were
+/// when they do not: then the error is this fraction of it or less. Below 1: it takes frames that were
 /// shown turned, and a way that was shown not to turn.
-const UPRIGHT_SHARE: f64 = 0.9;
+const UPRIGHT_FRACTION: f64 = 0.9;
 /// The change from the start to the goal frame takes the whole way unless the demonstrations lie this
-/// share as far apart, or less, when it begins later or ends earlier …
-const CHANGE_SHARE: f64 = 0.8;
+/// fraction as far apart, or less, when it begins later or ends earlier …
+const CHANGE_FRACTION: f64 = 0.8;
 /// … at one of so many phases of the first and of the second half …
 const CHANGES_COMPARED: usize = 11;
-/// … over no less than this share of the way: the faster it is, the more the frames' motion is felt.
+/// … over no less than this fraction of the way: the faster it is, the more the frames' motion is felt.
 const CHANGE_MIN: f64 = 0.25;
 /// Phases at which demonstrations are compared.
 const PHASES_COMPARED: usize = 50;
-/// A further frame acts where the demonstrations seen from it lie this share or less as far apart as
+/// A further frame acts where the demonstrations seen from it lie this fraction or less as far apart as
 /// seen from start and goal frame …
-const AGREEMENT_SHARE: f64 = 0.5;
-/// … counting differences below this share of the demonstrations' span as none.
+const AGREEMENT_FRACTION: f64 = 0.5;
+/// … counting differences below this fraction of the demonstrations' span as none.
 const AGREEMENT_FLOOR: f64 = 0.005;
 /// Frames are fixed to each other when they move less than this [m] …
 const FIXED_M: f64 = 1e-9;
@@ -79,10 +79,10 @@ pub struct CanonicalSet {
 #[derive(Clone, Debug)]
 pub struct CanonicalDemonstration {
     /// Its frames, ready to map with.
-    pub displacement: Displacement,
+    pub transforms: FrameTransforms,
     /// Samples at rest that were cut at its start.
     pub rest: usize,
-    /// Share of the duration at which each sample is taken.
+    /// Fraction of the duration at which each sample is taken.
     pub times: Vec<f64>,
     /// Phase of each sample, with its first two derivatives in time [1, 1/s, 1/s²].
     pub phases: Vec<[f64; 3]>,
@@ -127,7 +127,7 @@ pub fn canonicalise(
         .map_err(|error| fail(&demonstrations[0].name, format!("{error:?}")))?;
     let mut set: Vec<CanonicalDemonstration> = Vec::with_capacity(demonstrations.len());
     for ((demonstration, range), shown) in demonstrations.iter().zip(&moving).zip(&shown) {
-        let displacement = shown.displacement(&map);
+        let transforms = shown.displacement(&map);
         let (count, sampling_time_s) = (shown.poses.len(), demonstration.sampling_time_s);
         let times: Vec<f64> = (0..count).map(|i| i as f64 / (count - 1) as f64).collect();
         let phases: Vec<_> = {
@@ -141,7 +141,7 @@ pub fn canonicalise(
         let mut positions = Vec::with_capacity(count);
         let mut rotations = Vec::with_capacity(count);
         for (i, (pose, [phase, ..])) in shown.poses.iter().zip(&phases).enumerate() {
-            let mut point = map.inverse(&displacement, *phase, pose);
+            let mut point = map.inverse(&transforms, *phase, pose);
             if !demonstration.manifold.has_orientation() {
                 point.rotation = DVec3::ZERO;
             }
@@ -170,7 +170,7 @@ pub fn canonicalise(
         end_at(&mut position, mean.goal.position, sampling_time_s);
         end_at(&mut rotation, DVec3::ZERO, sampling_time_s);
         let rest = range.start;
-        set.push(CanonicalDemonstration { displacement, rest, times, phases, position, rotation });
+        set.push(CanonicalDemonstration { transforms, rest, times, phases, position, rotation });
     }
     let scales = scales(
         scale,
@@ -189,7 +189,7 @@ fn scales(scale: &Scale, position_m: f64, rotation_rad: f64) -> [f64; 2] {
 }
 
 /// The samples of each demonstration between its rests: those before the first and after the last that
-/// is faster than a share of the largest speed are cut. The speed is that seen from the goal frame, in
+/// is faster than a fraction of the largest speed are cut. The speed is that seen from the goal frame, in
 /// normalised coordinates. It has to be fast from sample to sample, which tells when exactly a motion
 /// begins, and fast when smoothed: noise is no motion.
 ///
@@ -223,7 +223,7 @@ pub fn moving_ranges(
     let of = |block: usize| span(paths.iter().map(|paths| &paths[block]), DQuat::IDENTITY);
     let scales = scales(scale, of(0), of(1));
     let fast = |speeds: &[f64]| {
-        let least = smoothing.rest_speed_share * speeds.iter().copied().fold(0.0, f64::max);
+        let least = smoothing.rest_speed_fraction * speeds.iter().copied().fold(0.0, f64::max);
         let moves = |speed: &f64| *speed >= least;
         let first = speeds.iter().position(moves).unwrap_or(0);
         (first, speeds.iter().rposition(moves).unwrap_or(speeds.len() - 1))
@@ -258,18 +258,18 @@ struct Shown<'a> {
 }
 
 impl Shown<'_> {
-    fn displacement(&self, map: &FrameMap) -> Displacement {
-        map.displace(&self.at_rest()).expect("a demonstration has the skill's frames")
+    fn displacement(&self, map: &FrameMap) -> FrameTransforms {
+        map.transforms(&self.at_rest()).expect("a demonstration has the skill's frames")
     }
 
     fn at_rest(&self) -> Vec<MovingPose> {
         self.frames.iter().copied().map(MovingPose::at_rest).collect()
     }
 
-    /// Share of the time, and pose, nearest to one of [`PHASES_COMPARED`] equal steps.
+    /// Fraction of the time, and pose, nearest to one of [`PHASES_COMPARED`] equal steps.
     fn at(&self, step: usize) -> (f64, Pose) {
         let last = self.poses.len() - 1;
-        let time = share(step);
+        let time = fraction(step);
         let i = (time * last as f64).round() as usize;
         (i as f64 / last as f64, self.poses[i])
     }
@@ -300,7 +300,7 @@ fn anchors(skill: &Skill, mean: &MeanFrames, shown: &[Shown], pace: &Pace) -> Ve
     };
     let mut ways: Vec<Anchor> = Vec::new();
     for index in goal + 1..goal + 1 + skill.other_frames.len() {
-        let share = |step: usize| {
+        let fraction = |step: usize| {
             let others = (0..=goal).map(|other| variance(other, step).0);
             (variance(index, step).0 / others.fold(f64::INFINITY, f64::min)).sqrt()
         };
@@ -308,8 +308,8 @@ fn anchors(skill: &Skill, mean: &MeanFrames, shown: &[Shown], pace: &Pace) -> Ve
             let phase = pace.at(*step as f64 / (PHASES_COMPARED - 1) as f64)[0];
             (PHASE_DISTANCE_MIN..=1.0 - PHASE_DISTANCE_MIN).contains(&phase)
         });
-        let best = steps.map(|step| (step, share(step))).min_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((step, _)) = best.filter(|(_, share)| *share <= AGREEMENT_SHARE) {
+        let best = steps.map(|step| (step, fraction(step))).min_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((step, _)) = best.filter(|(_, fraction)| *fraction <= AGREEMENT_FRACTION) {
             let poses: Vec<Pose> = shown.iter().map(|s| s.frames[index]).collect();
             let frame = mean_pose(&poses);
             let point = frame.position + frame.orientation * variance(index, step).1;
@@ -366,14 +366,15 @@ fn frame_map(
         if !adapts {
             return (map, apart(&map));
         }
-        let phases: Vec<f64> = (0..PHASES_COMPARED).map(|step| pace.at(share(step))[0]).collect();
+        let phases: Vec<f64> =
+            (0..PHASES_COMPARED).map(|step| pace.at(fraction(step))[0]).collect();
         let learned = adaptation::learn(&seen(&map, shown, pace, scales), &phases, scales);
         (map.adapting(learned.adaptation), learned.error)
     };
     let best = |turn: bool| -> Result<(FrameMap, f64), FrameMapError> {
         let whole = FrameMap::new(anchors, mean.goal, turn)?;
         let mut best = (whole, apart(&whole));
-        let most = CHANGE_SHARE * best.1;
+        let most = CHANGE_FRACTION * best.1;
         let phase = |i: usize| 0.5 * i as f64 / (CHANGES_COMPARED - 1) as f64;
         for step in 0..CHANGES_COMPARED * CHANGES_COMPARED {
             let mut anchors = anchors.to_vec();
@@ -394,21 +395,21 @@ fn frame_map(
     };
     let (turning, upright) = (best(true)?, best(false)?);
     // Frames that turn and a way that does not: then positions do not follow the turn.
-    Ok(if upright.1 < UPRIGHT_SHARE * turning.1 { upright.0 } else { turning.0 })
+    Ok(if upright.1 < UPRIGHT_FRACTION * turning.1 { upright.0 } else { turning.0 })
 }
 
-/// The share of the time of one of [`PHASES_COMPARED`] equal steps.
-fn share(step: usize) -> f64 {
+/// The fraction of the time of one of [`PHASES_COMPARED`] equal steps.
+fn fraction(step: usize) -> f64 {
     step as f64 / (PHASES_COMPARED - 1) as f64
 }
 
-/// The demonstrations in the canonical coordinates of a map, at equal shares of their times.
+/// The demonstrations in the canonical coordinates of a map, at equal fractions of their times.
 fn seen(map: &FrameMap, shown: &[Shown], pace: &Pace, scales: [f64; 2]) -> Vec<Seen> {
     let one = |shown: &Shown| {
-        let displacement = shown.displacement(map);
+        let transforms = shown.displacement(map);
         let at = |step| {
             let (time, pose) = shown.at(step);
-            let y = map.inverse(&displacement, pace.at(time)[0], &pose);
+            let y = map.inverse(&transforms, pace.at(time)[0], &pose);
             [y.position * scales[0], y.rotation * scales[1]]
         };
         let shift = map.goal_shift(&shown.at_rest()).expect("they are the skill's frames");
@@ -432,12 +433,12 @@ fn spread(seen: &[Seen]) -> f64 {
 #[must_use]
 pub fn canonical_path(
     map: &FrameMap,
-    displacement: &Displacement,
+    transforms: &FrameTransforms,
     pace: &Pace,
     poses: &[Pose],
 ) -> Vec<Canonical> {
     let last = (poses.len() - 1) as f64;
-    let at = |(i, pose)| map.inverse(displacement, pace.at(i as f64 / last)[0], pose);
+    let at = |(i, pose)| map.inverse(transforms, pace.at(i as f64 / last)[0], pose);
     poses.iter().enumerate().map(at).collect()
 }
 
@@ -597,7 +598,7 @@ mod tests {
                 poses: (0..400).map(sample).collect(),
             }
         };
-        let smoothing = Smoothing { window_s: 0.4, degree: 3, rest_speed_share: 0.01 };
+        let smoothing = Smoothing { window_s: 0.4, degree: 3, rest_speed_fraction: 0.01 };
         let scale = Scale { span: 2.75, position_span_min_m: 0.1, orientation_span_min_rad: 1.0 };
         let ranges = moving_ranges(&[shown(0.0)], &smoothing, &scale).unwrap();
         assert_eq!((ranges[0].start, ranges[0].end, ranges.len()), (30, 331, 1));

@@ -11,7 +11,7 @@
 //! with this slope reproduces it without a lag. A pace that suits the eye, such as one that rises like
 //! t³, has no such potential: where s̈ + d ṡ is no smooth function of s, each error at the start grows.
 //!
-//! v is such that the phase ends, after the duration, where all but a share of w is left; that is then
+//! v is such that the phase ends, after the duration, where all but a fraction of w is left; that is then
 //! called 1.
 
 /// What is left of w when the demonstrations end.
@@ -21,15 +21,15 @@ const STEPS: usize = 4000;
 /// Halvings in the search of v.
 const HALVINGS: usize = 60;
 
-/// The phase as a function of the share of a duration.
+/// The phase as a function of the fraction of a duration.
 #[derive(Clone, Debug)]
 pub struct Pace {
-    /// At equal steps of the share: the phase and its first two derivatives by the share.
+    /// At equal steps of the fraction: the phase and its first two derivatives by the fraction.
     table: Vec<[f64; 3]>,
 }
 
 impl Pace {
-    /// The phase is the share.
+    /// The phase is the fraction.
     #[must_use]
     pub fn even() -> Self {
         Self { table: vec![[0.0, 1.0, 0.0], [1.0, 1.0, 0.0]] }
@@ -55,20 +55,20 @@ impl Pace {
         Self { table }
     }
 
-    /// The phase at a share of the duration, and its first two derivatives by the share.
+    /// The phase at a fraction of the duration, and its first two derivatives by the fraction.
     ///
-    /// * `share`  0 to 1
+    /// * `fraction`  0 to 1
     #[must_use]
-    pub fn at(&self, share: f64) -> [f64; 3] {
+    pub fn at(&self, fraction: f64) -> [f64; 3] {
         let last = self.table.len() - 1;
-        let place = share.clamp(0.0, 1.0) * last as f64;
+        let place = fraction.clamp(0.0, 1.0) * last as f64;
         let i = (place as usize).min(last - 1);
         let (a, b, t) = (self.table[i], self.table[i + 1], place - i as f64);
         [0, 1, 2].map(|k| a[k] + t * (b[k] - a[k]))
     }
 }
 
-/// Phase and derivatives at equal steps of the share, by the midpoint rule.
+/// Phase and derivatives at equal steps of the fraction, by the midpoint rule.
 fn integrate(v: f64, d: f64) -> Vec<[f64; 3]> {
     let bend = |s: f64, rate: f64| d * (v * ((1.0 - s) * d / (4.0 * v)).tanh() - rate);
     let h = 1.0 / STEPS as f64;

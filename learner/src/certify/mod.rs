@@ -23,7 +23,7 @@ const STEP_S: f64 = 1e-3;
 /// Every how many steps the way of a rollout is looked at for the nearest point.
 const WAY_STEP: usize = 5;
 /// A rollout stops once it is this much nearer to the goal than the tolerance.
-const ARRIVED_SHARE: f64 = 0.01;
+const ARRIVED_FRACTION: f64 = 0.01;
 /// Largest rotation vector of a random start [rad].
 const START_ANGLE_MAX_RAD: f64 = 0.95 * std::f64::consts::PI;
 /// The goal is at rest below this |M⁻¹∇Φ| [m/s² or rad/s²].
@@ -87,12 +87,12 @@ impl<'a> Examiner<'a> {
         let outcome = follow(&mut situation, self.skill.manifold, &course, |pose| path.push(*pose));
         let at = |time_s: f64| {
             let step = time_s / STEP_S;
-            let (i, share) = (step.floor() as usize, step.fract());
+            let (i, fraction) = (step.floor() as usize, step.fract());
             let last = path.len() - 1;
             let (a, b) = (path[i.min(last)], path[(i + 1).min(last)]);
             Pose {
-                position: a.position.lerp(b.position, share),
-                orientation: a.orientation.slerp(b.orientation, share),
+                position: a.position.lerp(b.position, fraction),
+                orientation: a.orientation.slerp(b.orientation, fraction),
             }
         };
         let (mut square_m2, mut square_rad2, mut square_path_m2) = (0.0, 0.0, 0.0);
@@ -180,10 +180,10 @@ impl<'a> Examiner<'a> {
                     frames.iter_mut().for_each(|frame| *frame = self.displaced(frame, random));
                 }
                 let moved: Vec<_> = frames.iter().copied().map(MovingPose::at_rest).collect();
-                let displacement = map.displace(&moved).expect("they are the skill's frames");
+                let transforms = map.transforms(&moved).expect("they are the skill's frames");
                 let goal_frame =
                     frames[usize::from(self.skill.goal_frame != self.skill.start_frame)];
-                let pose = map.forward(&displacement, phase, &near);
+                let pose = map.forward(&transforms, phase, &near);
                 let pose = if self.skill.manifold == Manifold::R3S3 {
                     pose
                 } else {
@@ -200,11 +200,11 @@ impl<'a> Examiner<'a> {
         let way =
             points.map(|point| (point - self.set.start.position).length()).fold(0.0, f64::max);
         let position =
-            frame.position + self.in_ball(settings.frame_displacement_share * way, random);
+            frame.position + self.in_ball(settings.frame_translation_fraction * way, random);
         let turn = if self.skill.manifold == Manifold::R2 {
-            DVec3::Z * (settings.frame_turn_rad * random.random_range(-1.0..=1.0))
+            DVec3::Z * (settings.frame_rotation_rad * random.random_range(-1.0..=1.0))
         } else {
-            in_ball(settings.frame_turn_rad, random)
+            in_ball(settings.frame_rotation_rad, random)
         };
         Pose { position, orientation: DQuat::from_scaled_axis(turn) * frame.orientation }
     }
@@ -227,7 +227,7 @@ impl<'a> Examiner<'a> {
                 goal: start.goal,
                 step_s: settings.step_s,
                 steps: (settings.horizon_s / settings.step_s).ceil() as usize,
-                arrived: Some(tolerance.map(|t| t * ARRIVED_SHARE)),
+                arrived: Some(tolerance.map(|t| t * ARRIVED_FRACTION)),
             };
             let mut situation = self.policy.situation(&start.frames);
             follow(&mut situation, self.skill.manifold, &course, |_| {})
@@ -324,7 +324,7 @@ impl<'a> Examiner<'a> {
             }
             if rollouts.energy_rise_max > settings.energy_rise_max {
                 failures.push(format!(
-                    "the energy rises by a share of {:.1e} in a step, from random starts {of}",
+                    "the energy rises by a fraction of {:.1e} in a step, from random starts {of}",
                     rollouts.energy_rise_max
                 ));
             }

@@ -58,7 +58,7 @@ impl Situation<'_> {
 
     /// V of the policy at the goal, at rest; it has to start anew afterwards, and does.
     pub fn energy_at(&mut self, goal: &Pose) -> f64 {
-        self.state.resume(Phase { share: 1.0, rate_1_s: 0.0 });
+        self.state.resume(Phase { value: 1.0, rate_1_s: 0.0 });
         let energy = self.evaluate(goal, DVec3::ZERO, DVec3::ZERO).energy;
         self.restart();
         energy

@@ -14,8 +14,8 @@ const SPEED_MAX_RAD_S: f64 = 50.0;
 const SPAN_MAX_M: f64 = 20.0;
 /// A step so many times as long as those beside it is a jump.
 const JUMP_RATIO: f64 = 4.0;
-/// … unless it is shorter than this share of the span [1] …
-const JUMP_SHARE: f64 = 0.01;
+/// … unless it is shorter than this fraction of the span [1] …
+const JUMP_FRACTION: f64 = 0.01;
 /// … or this angle [rad].
 const JUMP_MIN_RAD: f64 = 0.1;
 
@@ -87,16 +87,16 @@ pub fn angle(a: &Pose, b: &Pose) -> f64 {
 }
 
 /// Angle between neighbouring samples [rad].
-fn turns(demonstration: &Demonstration) -> Vec<f64> {
+fn rotations(demonstration: &Demonstration) -> Vec<f64> {
     demonstration.poses.windows(2).map(|p| angle(&p[0], &p[1])).collect()
 }
 
 fn jump(demonstration: &Demonstration) -> Option<Found> {
-    lone(&steps(demonstration), JUMP_SHARE * extent(demonstration))
+    lone(&steps(demonstration), JUMP_FRACTION * extent(demonstration))
 }
 
 fn turn(demonstration: &Demonstration) -> Option<Found> {
-    lone(&turns(demonstration), JUMP_MIN_RAD)
+    lone(&rotations(demonstration), JUMP_MIN_RAD)
 }
 
 fn speed(demonstration: &Demonstration) -> Option<Found> {
@@ -104,7 +104,7 @@ fn speed(demonstration: &Demonstration) -> Option<Found> {
 }
 
 fn angular_speed(demonstration: &Demonstration) -> Option<Found> {
-    fastest(&turns(demonstration), demonstration.sampling_time_s, SPEED_MAX_RAD_S)
+    fastest(&rotations(demonstration), demonstration.sampling_time_s, SPEED_MAX_RAD_S)
 }
 
 /// The longest step that is far longer than those two and three places away from it: a sample that

@@ -3,7 +3,7 @@
 //! ```text
 //! minimise    Σ_i W_i ‖M⁻¹G_i p + d v_i + a_i + M⁻¹ξ_i‖²/d² + ρ/(N d) Σ_j s_j + λ ‖C p‖²
 //!             ‖r‖² = Σ r_y² + ω r_s², with ω the phase's weight
-//! subject to  s_j ≥ 0,  s_j ≥ ε d share_j + t̂_jᵀ M⁻¹ G_j p        descent along the demonstrations
+//! subject to  s_j ≥ 0,  s_j ≥ ε d fraction_j + t̂_jᵀ M⁻¹ G_j p        descent along the demonstrations
 //!             G(g) p = 0                                           the goal is at rest
 //!             H(g) p ⪰ h M(g)                                      and a strict minimum
 //!             S_k,yy ⪰ h_y M_k,yy                                  one lowest point for each phase
@@ -43,11 +43,11 @@ use crate::skill::FieldSettings;
 const REPAIRS: &str = "repairs";
 /// Figure: stretches of the valley that were found not to fall towards the goal, and are left.
 pub const VALLEY_FAULTS: &str = "valley faults";
-/// A constraint is active when it holds with equality to this share of its bound.
+/// A constraint is active when it holds with equality to this fraction of its bound.
 const ACTIVE: f64 = 1e-4;
 /// Every how many demands the solver sees at first.
 const WORKING_STRIDE: usize = 32;
-/// Demands that are met by less than this share of their speed join those that are not met.
+/// Demands that are met by less than this fraction of their speed join those that are not met.
 const MET: f64 = 0.05;
 /// Weight of a demand of a repair against that of a checked point.
 const REPAIR_WEIGHT: f64 = 30.0;
@@ -72,7 +72,7 @@ pub struct Fitted<const N: usize> {
 /// The shape of a block's field from the mixture's means and covariances in ẑ.
 ///
 /// M_k = γ (C_k + σ₀² I)⁻¹; the goal's metric is γ times the mean of det(M_k/γ)^{1/N}. Components pass
-/// into each other over a share of the phase between two of them.
+/// into each other over a fraction of the phase between two of them.
 ///
 /// # Panics
 /// When a covariance is not positive semi-definite.
@@ -128,7 +128,7 @@ pub fn fit<const N: usize>(
         let (mut parameters, status, iterations) = program.solve(block)?;
         program.bring_goal_to_rest(&mut parameters);
         let (_, faults) = valley::descent(&shape.field(&parameters), phase_length);
-        if faults.is_empty() || repairs == settings.repairs_max {
+        if faults.is_empty() || repairs == settings.refinement_rounds_max {
             let mut figures = program.figures(block, &parameters, status, iterations);
             figures.figures.push((REPAIRS.into(), repairs as f64));
             figures.figures.push((VALLEY_FAULTS.into(), faults.len() as f64));
@@ -157,7 +157,7 @@ struct Program<const N: usize> {
     constant: f64,
     /// t̂ᵀM⁻¹G, one row a checked point.
     descent_rows: Vec<Vec<f64>>,
-    /// ε d share.
+    /// ε d fraction.
     descent_speeds: Vec<f64>,
     /// Factors of the slacks in the objective.
     slack_weights: Vec<f64>,
@@ -272,9 +272,9 @@ impl<const N: usize> Program<N> {
         let direction = inverse_metric(&metric) * descent.direction;
         let gradient = shape.basis(&descent.point).gradient;
         self.descent_rows.push(gradient.iter().map(|column| direction.dot(column)).collect());
-        self.descent_speeds.push(settings.descent_speed * self.damping * descent.share);
-        let share = settings.descent_weight / (self.checked as f64 * self.damping);
-        self.slack_weights.push(share * loudness);
+        self.descent_speeds.push(settings.descent_speed * self.damping * descent.fraction);
+        let fraction = settings.descent_weight / (self.checked as f64 * self.damping);
+        self.slack_weights.push(fraction * loudness);
     }
 
     /// Solves the program with the demands that matter: those that are met anyway are left out, so
@@ -462,7 +462,7 @@ impl<const N: usize> Program<N> {
             ],
             figures: vec![
                 ("hinge".into(), hinge),
-                ("share against the demonstrations".into(), violated as f64 / checked),
+                ("fraction against the demonstrations".into(), violated as f64 / checked),
             ],
         }
     }

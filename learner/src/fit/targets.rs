@@ -38,8 +38,8 @@ pub struct Descent<const N: usize> {
     pub point: SVector<f64, N>,
     /// Unit direction.
     pub direction: SVector<f64, N>,
-    /// Share of the demanded speed, which falls towards the goal.
-    pub share: f64,
+    /// Fraction of the demanded speed, which falls towards the goal.
+    pub fraction: f64,
 }
 
 /// Fewest samples of a demonstration that a stride leaves, so that sparsely sampled
@@ -49,7 +49,7 @@ const SAMPLES_MIN: usize = 10;
 const AT_GOAL: f64 = 1e-6;
 /// Random points nearer to the goal are left to the Hessian [ŷ].
 const GOAL_DISTANCE_MIN: f64 = 0.02;
-/// A tube point is dropped when another part of the path is nearer than this share of its offset.
+/// A tube point is dropped when another part of the path is nearer than this fraction of its offset.
 const TUBE_CLEARANCE: f64 = 0.75;
 
 /// A point and a velocity of a demonstration.
@@ -205,7 +205,7 @@ impl<'a, const N: usize> Guide<'a, N> {
         Descent {
             point,
             direction: direction.try_normalize(1e-9).unwrap_or(goal_direction),
-            share: (distance / settings.descent_slowdown).min(1.0),
+            fraction: (distance / settings.descent_slowdown).min(1.0),
         }
     }
 }

@@ -42,9 +42,9 @@ use crate::fit::conic::{Affine, ConicProgram, Solution};
 use crate::mixture::tp_gmm::frames;
 use crate::skill::{DampingTarget, Skill, ThesisSettings};
 
-/// A slower sample shows no direction: share of the demonstration's largest speed.
-const SPEED_SHARE_MIN: f64 = 0.02;
-/// Neighbours that differ by less than this share of the largest value are equal.
+/// A slower sample shows no direction: fraction of the demonstration's largest speed.
+const SPEED_FRACTION_MIN: f64 = 0.02;
+/// Neighbours that differ by less than this fraction of the largest value are equal.
 const ACTIVE: f64 = 1e-4;
 /// Names of the programs.
 const POTENTIAL: &str = "potential";
@@ -149,7 +149,7 @@ fn shown<const D: usize>(
     let chart = state.goal().orientation.conjugate();
     let smoothed = |samples: &[DVec3]| {
         let dt = demonstration.sampling_time_s;
-        if settings.running_mean.is_some() {
+        if settings.kaiser_smoothing.is_some() {
             return (samples.to_vec(), differences(samples, dt));
         }
         let path = smooth(samples, dt, skill.smoothing.window_s, skill.smoothing.degree);
@@ -201,7 +201,7 @@ pub fn fit_potential<const D: usize>(
     for shown in all {
         let speed = |sample: &Sample<D>| sample.velocity.norm();
         let fastest = shown.samples.iter().map(speed).fold(0.0, f64::max);
-        for sample in shown.samples.iter().filter(|s| speed(s) > SPEED_SHARE_MIN * fastest) {
+        for sample in shown.samples.iter().filter(|s| speed(s) > SPEED_FRACTION_MIN * fastest) {
             let value = shown.field.evaluate(&sample.point, &SVector::zeros());
             let affine = shown.field.affine_potential(&sample.point);
             let Some(metric) = Cholesky::new(value.metric) else { continue };
@@ -270,10 +270,10 @@ pub fn fit_damping<const D: usize>(
         };
         let at_start = energy(&shown.samples[0]);
         let mut dissipated = vec![0.0; components];
-        let share = 1.0 / shown.samples.len() as f64;
+        let fraction = 1.0 / shown.samples.len() as f64;
         for sample in &shown.samples {
             if settings.damping_target == DampingTarget::EnergyProfile {
-                rows.push((share, at_start - energy(sample), dissipated.clone()));
+                rows.push((fraction, at_start - energy(sample), dissipated.clone()));
             }
             let weights = shown.field.weights(&sample.point);
             let power = sample.velocity.norm_squared() * sample.step_s;

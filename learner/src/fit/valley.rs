@@ -10,9 +10,9 @@ use tprmp_rmpflow::policy::canonical::skill::PHASE_RANGE;
 
 /// Phases at which the valley is looked at.
 pub const PHASES: u32 = 2001;
-/// Nearer to the goal than this share of the phase its Hessian speaks.
-const GOAL_SHARE: f64 = 0.02;
-/// Faults nearer to each other than this share of the phase are one.
+/// Nearer to the goal than this fraction of the phase its Hessian speaks.
+const GOAL_FRACTION: f64 = 0.02;
+/// Faults nearer to each other than this fraction of the phase are one.
 const SAME: f64 = 0.02;
 
 /// The least fall of the potential along the valley towards the goal, by the phase [J], outside of the
@@ -26,14 +26,14 @@ pub fn descent<const N: usize>(field: &Field<N>, phase_length: f64) -> (f64, Vec
     let mut least = f64::INFINITY;
     let mut faults: Vec<SVector<f64, N>> = Vec::new();
     for i in 0..PHASES {
-        let share = low + (high - low) * f64::from(i) / f64::from(PHASES - 1);
-        if (share - 1.0).abs() < GOAL_SHARE {
+        let fraction = low + (high - low) * f64::from(i) / f64::from(PHASES - 1);
+        if (fraction - 1.0).abs() < GOAL_FRACTION {
             continue;
         }
-        let Some(valley) = field.valley(share * phase_length) else {
+        let Some(valley) = field.valley(fraction * phase_length) else {
             return (f64::NEG_INFINITY, faults);
         };
-        let fall = if share < 1.0 { -valley.slope } else { valley.slope } * phase_length;
+        let fall = if fraction < 1.0 { -valley.slope } else { valley.slope } * phase_length;
         least = least.min(fall);
         let far = |fault: &SVector<f64, N>| {
             (fault[N - 1] - valley.point[N - 1]).abs() > SAME * phase_length

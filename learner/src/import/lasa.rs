@@ -15,7 +15,7 @@ use super::{Recording, Selection, input, read_bytes};
 use crate::error::LearnerError;
 
 const M_PER_MM: f64 = 1e-3;
-/// How far times and `dt` may differ, as a share of the duration.
+/// How far times and `dt` may differ, as a fraction of the duration.
 const TIME_TOLERANCE: f64 = 0.01;
 
 /// The skill's name (the file's, when none is chosen) and the demonstrations of a shape.

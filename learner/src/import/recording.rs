@@ -15,7 +15,7 @@ use crate::error::LearnerError;
 const SAMPLES_MAX: f64 = 100_000.0;
 /// Times farther away are refused [s].
 const TIME_MAX_S: f64 = 1e12;
-/// Share of the sampling time by which a sample may be early or late and still count as even.
+/// Fraction of the sampling time by which a sample may be early or late and still count as even.
 const JITTER_MAX: f64 = 0.1;
 /// The sampling time by the velocities may differ from the declared one by this factor: noise and
 /// filters pass, a factor of two does not.

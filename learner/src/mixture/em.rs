@@ -1,4 +1,4 @@
-//! Expectation maximisation of Gaussians that several views of the same samples share.
+//! Expectation maximisation of Gaussians that several views of the same samples fraction.
 //!
 //! A view is a coordinate system: a frame, or the canonical space. Responsibilities are common to
 //! all views; each view has means and covariances of its own  [thesis eq. 3.4–3.5]. Coordinates are
@@ -59,7 +59,7 @@ pub struct Data {
     pub views: Vec<View>,
     /// The samples of each demonstration.
     pub sequences: Vec<Range<usize>>,
-    /// Time of each sample as a share of its demonstration's.
+    /// Time of each sample as a fraction of its demonstration's.
     pub times: Vec<f64>,
     /// Responsibility of component k (column) for sample i (row).
     pub responsibilities: DMatrix<f64>,
@@ -83,7 +83,7 @@ pub struct Settings {
 pub struct Maximised {
     /// Responsibility of component k (column) for sample i (row), components in order.
     pub responsibilities: DMatrix<f64>,
-    /// Share of the samples of each component.
+    /// Fraction of the samples of each component.
     pub priors: Vec<f64>,
     /// Mean time of each component's samples.
     pub times: Vec<f64>,
@@ -520,14 +520,14 @@ mod tests {
         #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..Default::default() })]
 
         #[test]
-        fn responsibilities_are_shares(
+        fn responsibilities_are_fractions(
             coordinates in coordinates(), topology in topology(), views in 1..4_usize,
             seed in any::<u64>(),
         ) {
             let found = maximise(&shown(coordinates, views, seed), &settings(topology, 6, 1e-3));
             for row in found.responsibilities.row_iter() {
                 prop_assert!((row.sum() - 1.0).abs() < 1e-10);
-                prop_assert!(row.iter().all(|share| (0.0..=1.0 + 1e-12).contains(share)));
+                prop_assert!(row.iter().all(|fraction| (0.0..=1.0 + 1e-12).contains(fraction)));
             }
             prop_assert!((found.priors.iter().sum::<f64>() - 1.0).abs() < 1e-8);
         }
@@ -673,13 +673,13 @@ mod tests {
                 let whole: f64 = paths.iter().map(probability).sum();
                 expected_log += whole.ln();
                 for path in &paths {
-                    let share = probability(path) / whole;
+                    let fraction = probability(path) / whole;
                     for (t, state) in path.iter().enumerate() {
-                        expected[(sequence.start + t, *state)] += share;
+                        expected[(sequence.start + t, *state)] += fraction;
                     }
                     for step in path.windows(2).filter(|step| step[0] < 2) {
                         let sum = if step[0] == step[1] { &mut stayed } else { &mut went };
-                        sum[step[0]] += share;
+                        sum[step[0]] += fraction;
                     }
                 }
             }

@@ -36,9 +36,9 @@ pub struct Samples {
     frames: Vec<(String, View)>,
     /// The samples of each demonstration.
     sequences: Vec<std::ops::Range<usize>>,
-    /// Time of each sample as a share of its demonstration's.
+    /// Time of each sample as a fraction of its demonstration's.
     times: Vec<f64>,
-    /// Length of each demonstration up to each sample, as a share of its whole length.
+    /// Length of each demonstration up to each sample, as a fraction of its whole length.
     lengths: Vec<f64>,
     /// Phase of each sample.
     phases: Vec<f64>,
@@ -50,9 +50,9 @@ pub struct Samples {
 /// A task-parameterised Gaussian mixture in normalised coordinates.
 #[derive(Clone, Debug)]
 pub struct TpGmm {
-    /// Share of the samples of each component.
+    /// Fraction of the samples of each component.
     pub priors: Vec<f64>,
-    /// Mean time of each component, as a share of the demonstrations'.
+    /// Mean time of each component, as a fraction of the demonstrations'.
     pub phases: Vec<f64>,
     /// Gaussians in canonical coordinates.
     pub canonical: Vec<Gaussian>,
@@ -97,7 +97,7 @@ impl Samples {
         Self { frames, ..Self::canonical(&joint_paths(skill, set), times, phases.collect()) }
     }
 
-    /// The samples of paths in canonical coordinates alone, seen from no frame, with the share of the
+    /// The samples of paths in canonical coordinates alone, seen from no frame, with the fraction of the
     /// time and the phase of each.
     ///
     /// # Panics

@@ -102,8 +102,8 @@ impl Arrows {
         let [short, long] = ARROW_LENGTHS_PX;
         for (point, vector) in &self.0 {
             let band = scale.band(vector.length());
-            let share = (band as f64 + 0.5) / scale.bands() as f64;
-            let length = short + (long - short) * share;
+            let fraction = (band as f64 + 0.5) / scale.bands() as f64;
+            let length = short + (long - short) * fraction;
             let arrow = vector.normalize_or_zero() * length;
             panel.arrow(*point, arrow, &scale.colour(band));
         }

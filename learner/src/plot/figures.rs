@@ -18,7 +18,7 @@ use tprmp_drawing::svg::{Figure, INK, Panel, Sign, Stroke, principal_axes};
 
 /// Standard deviations at which Gaussians are drawn.
 const DEVIATIONS: f64 = 2.0;
-/// Room around what is shown, and around the demonstrations of a field, in shares of the longest
+/// Room around what is shown, and around the demonstrations of a field, in fractions of the longest
 /// side.
 const MARGIN: f64 = 0.1;
 const FIELD_MARGIN: f64 = 0.18;
@@ -28,7 +28,7 @@ const STARTS_PX: [f64; 2] = [105.0, 75.0];
 const MOST: f64 = 0.5;
 /// Lengths of the shortest force that is drawn and of the longest [px].
 const FORCE_PX: [f64; 2] = [4.0, 70.0];
-/// How far from its path the point lies at which forces are drawn, in shares of the way from start to
+/// How far from its path the point lies at which forces are drawn, in fractions of the way from start to
 /// end.
 const ASIDE: f64 = 0.08;
 const DEMONSTRATION: Stroke = Stroke { colour: GREY, width: 1.3, dashes: "", rim: false };
@@ -268,9 +268,9 @@ impl<'a> Shown<'a> {
                 panel.arrow(from + vector * 0.5 / panel.scale(), vector, colour);
             }
         };
-        for share in &shares {
-            arrow(share.mean, share.attraction, BLUE);
-            arrow(share.mean, share.nominal, RED);
+        for fraction in &shares {
+            arrow(fraction.mean, fraction.attraction, BLUE);
+            arrow(fraction.mean, fraction.nominal, RED);
         }
         for (force, colour) in at_state {
             arrow(state, force, colour);
@@ -327,7 +327,8 @@ impl<'a> Shown<'a> {
 
 /// A point beside the middle of a planar path.
 fn beside(path: &[Pose]) -> DVec2 {
-    let at = |share: f64| path[((path.len() - 1) as f64 * share) as usize].position.truncate();
+    let at =
+        |fraction: f64| path[((path.len() - 1) as f64 * fraction) as usize].position.truncate();
     let along = (at(0.55) - at(0.45)).normalize_or(DVec2::X);
     at(0.5) + along.perp() * (ASIDE * (at(1.0) - at(0.0)).length())
 }

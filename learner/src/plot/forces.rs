@@ -64,13 +64,13 @@ impl Forces {
         self.field.weights(&y)[..self.field.components().len()].to_vec()
     }
 
-    /// The shares of all components in the force at a point.
+    /// The fractions of all components in the force at a point.
     pub fn shares(&self, point: DVec2) -> Vec<Share> {
         let terms = self.terms(&Vector2::new(point.x, point.y));
         let sum: f64 = terms.iter().map(|t| t.activation).sum();
         let mean_pull: Vector2<f64> = terms.iter().map(|t| t.pull * (t.activation / sum)).sum();
         let plain = |v: Vector2<f64>| DVec2::new(v.x, v.y);
-        let share = |t: &Term| {
+        let fraction = |t: &Term| {
             let weight = t.activation / sum;
             Share {
                 mean: plain(t.mean),
@@ -79,7 +79,7 @@ impl Forces {
                 nominal: plain((mean_pull - t.pull) * (-t.potential * weight)),
             }
         };
-        terms.iter().map(share).collect()
+        terms.iter().map(fraction).collect()
     }
 
     fn terms(&self, y: &Vector2<f64>) -> Vec<Term> {

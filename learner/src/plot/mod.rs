@@ -28,15 +28,15 @@ use tprmp_drawing::colour::Scale;
 use tprmp_drawing::projection::Ellipsoid;
 use tprmp_drawing::svg::{Figure, escape};
 
-/// How far frames are moved in the pictures of adaptation, in shares of the way from start to goal:
+/// How far frames are moved in the pictures of adaptation, in fractions of the way from start to goal:
 /// the start frame to the side, the goal frame on and to the other side.
 const START_ASIDE: f64 = 0.25;
 const GOAL_ON: f64 = 0.15;
 const GOAL_ASIDE: f64 = -0.25;
 /// How far the goal frame is turned about z [°].
 const GOAL_TURN_DEG: f64 = 30.0;
-/// A demonstration is at rest within this share of its extent around its first and last point.
-const REST_SHARE: f64 = 1e-3;
+/// A demonstration is at rest within this fraction of its extent around its first and last point.
+const REST_FRACTION: f64 = 1e-3;
 
 /// A picture and what it shows.
 struct Picture {
@@ -321,9 +321,9 @@ fn canonical_path(
     shown: &Demonstration,
     frames: &[Pose],
 ) -> Vec<Canonical> {
-    let displacement = skill.displacement(frames);
+    let transforms = skill.displacement(frames);
     let moving = moving(&shown.poses);
-    let mut path = canonical::canonical_path(&skill.map, &displacement, pace, &shown.poses[moving]);
+    let mut path = canonical::canonical_path(&skill.map, &transforms, pace, &shown.poses[moving]);
     if !shown.manifold.has_orientation() {
         path.iter_mut().for_each(|y| y.rotation = DVec3::ZERO);
     }
@@ -346,7 +346,7 @@ fn pace(model: &SkillModel, shown: &[Demonstration]) -> Pace {
 fn moving(poses: &[Pose]) -> std::ops::Range<usize> {
     let last = poses.len() - 1;
     let apart = |a: &Pose, b: &Pose| (a.position - b.position).length();
-    let far = poses.iter().map(|pose| apart(pose, &poses[0])).fold(0.0, f64::max) * REST_SHARE;
+    let far = poses.iter().map(|pose| apart(pose, &poses[0])).fold(0.0, f64::max) * REST_FRACTION;
     let first = poses.iter().position(|pose| apart(pose, &poses[0]) > far).unwrap_or(1) - 1;
     let end = poses.iter().rposition(|pose| apart(pose, &poses[last]) > far);
     let end = end.map_or(last, |i| i + 1).max(first + 1);

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use tprmp_model::skill_model::{EvaluationError, Manifold, Policy, SkillModel};
-use tprmp_rmpflow::policy::canonical::frame_map::{Canonical, Displacement, FrameMap};
+use tprmp_rmpflow::policy::canonical::frame_map::{Canonical, FrameMap, FrameTransforms};
 use tprmp_rmpflow::policy::thesis::gaussian_field::{GaussianComponent, GaussianField};
 use tprmp_rmpflow::policy::thesis::product_skill::{ProductSkill, ProductState};
 use tprmp_rmpflow::policy::{self, PolicyState};
@@ -22,8 +22,8 @@ pub const SAMPLE_S: f64 = 1e-2;
 const SAMPLE_STEPS: usize = 5;
 /// Bound on the duration of a rollout [s].
 const DURATION_MAX_S: f64 = 20.0;
-/// A rollout is over this near to the goal and to rest, in shares of the way from start to goal …
-const ARRIVED_SHARE: f64 = 1e-3;
+/// A rollout is over this near to the goal and to rest, in fractions of the way from start to goal …
+const ARRIVED_FRACTION: f64 = 1e-3;
 /// … and in radians.
 const ARRIVED_RAD: f64 = 5e-3;
 
@@ -82,9 +82,9 @@ impl<'a> Skill<'a> {
     }
 
     /// Frames in the model's order, as the map takes them in.
-    pub fn displacement(&self, frames: &[Pose]) -> Displacement {
+    pub fn displacement(&self, frames: &[Pose]) -> FrameTransforms {
         let frames: Vec<_> = frames.iter().copied().map(MovingPose::at_rest).collect();
-        self.map.displace(&frames).expect("they are the model's frames")
+        self.map.transforms(&frames).expect("they are the model's frames")
     }
 
     /// How far it is from the start to the farthest of the other frames [m].
@@ -131,18 +131,18 @@ impl<'a> Scene<'a> {
         gaussians: &[Ellipsoid],
         pace: &Pace,
     ) -> Self {
-        let displacement = skill.displacement(&frames);
+        let transforms = skill.displacement(&frames);
         let carried = |path: &Vec<Canonical>| -> Vec<Pose> {
             let last = (path.len() - 1) as f64;
             let phase = |i: usize| pace.at(i as f64 / last)[0];
             let points = path.iter().enumerate();
-            points.map(|(i, y)| skill.map.forward(&displacement, phase(i), y)).collect()
+            points.map(|(i, y)| skill.map.forward(&transforms, phase(i), y)).collect()
         };
         let moving: Vec<MovingPose> = frames.iter().copied().map(MovingPose::at_rest).collect();
         let policy = skill.policy.policy();
         let products = match policy {
             policy::Policy::Canonical(_) => {
-                gaussians.iter().map(|g| carry(&skill.map, &displacement, g)).collect()
+                gaussians.iter().map(|g| carry(&skill.map, &transforms, g)).collect()
             }
             policy::Policy::Plane(product) => products(product, &moving, gaussians),
             policy::Policy::Space(product) => products(product, &moving, gaussians),
@@ -180,7 +180,7 @@ impl<'a> Scene<'a> {
                 goal: self.goal,
                 step_s: STEP_S,
                 steps: (DURATION_MAX_S / STEP_S) as usize,
-                arrived: Some([ARRIVED_SHARE * way, ARRIVED_RAD]),
+                arrived: Some([ARRIVED_FRACTION * way, ARRIVED_RAD]),
             };
             let (mut path, mut step) = (Vec::new(), 0);
             let mut situation = self.skill.policy.situation(&self.frames);
@@ -197,11 +197,11 @@ impl<'a> Scene<'a> {
 }
 
 /// Takes a Gaussian along with the frames at its phase.
-fn carry(map: &FrameMap, displacement: &Displacement, gaussian: &Ellipsoid) -> Ellipsoid {
+fn carry(map: &FrameMap, transforms: &FrameTransforms, gaussian: &Ellipsoid) -> Ellipsoid {
     let y = Canonical { position: gaussian.mean, rotation: DVec3::ZERO };
     let phase = gaussian.phase;
-    let pose = map.forward(displacement, phase, &y);
-    let mapped = map.at(displacement, phase, 0.0).position(pose.position, DVec3::ZERO);
+    let pose = map.forward(transforms, phase, &y);
+    let mapped = map.at(transforms, phase, 0.0).position(pose.position, DVec3::ZERO);
     let jacobian = mapped.jacobian.transpose();
     Ellipsoid {
         mean: pose.position,

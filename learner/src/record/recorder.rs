@@ -304,9 +304,9 @@ mod tests {
             let from = self.pose.position;
             for i in 1..=steps(duration_s) {
                 let t = f64::from(i) / f64::from(steps(duration_s));
-                let share = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t);
+                let fraction = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t);
                 each(self, t);
-                self.sample(Pose { position: from.lerp(to, share), ..self.pose });
+                self.sample(Pose { position: from.lerp(to, fraction), ..self.pose });
             }
         }
 

@@ -232,9 +232,9 @@ fn resample(samples: &[Sample], sampling_time_s: f64) -> Vec<Pose> {
             i += 1;
         }
         let (a, b) = (&samples[i], &samples[i + 1]);
-        let share = (time_ns - a.time_ns) as f64 / (b.time_ns - a.time_ns) as f64;
-        let position = a.pose.position.lerp(b.pose.position, share);
-        let orientation = a.pose.orientation.slerp(b.pose.orientation, share).normalize();
+        let fraction = (time_ns - a.time_ns) as f64 / (b.time_ns - a.time_ns) as f64;
+        let position = a.pose.position.lerp(b.pose.position, fraction);
+        let orientation = a.pose.orientation.slerp(b.pose.orientation, fraction).normalize();
         let turned = poses.last().is_some_and(|before| before.orientation.dot(orientation) < 0.0);
         poses.push(Pose { position, orientation: if turned { -orientation } else { orientation } });
     }

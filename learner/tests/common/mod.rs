@@ -1,4 +1,4 @@
-//! What several tests share: folders of their own, and demonstrations made up from formulas.
+//! What several tests fraction: folders of their own, and demonstrations made up from formulas.
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 mod folder;

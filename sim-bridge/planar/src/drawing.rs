@@ -18,8 +18,8 @@ const SCHEMA: &str = "tprmp-drawings/1";
 const TABLE_STEPS: usize = 2000;
 /// Where the way is bent less than by this, the speed does not depend on it \[1/m\].
 const CURVATURE_SOFTENING_1_M: f64 = 1.0;
-/// Half the distance over which the curvature is taken, as a share of the length.
-const CURVATURE_SHARE: f64 = 0.01;
+/// Half the distance over which the curvature is taken, as a fraction of the length.
+const CURVATURE_FRACTION: f64 = 0.01;
 
 /// A drawings file: what the expert varies, and the drawings.
 #[derive(Debug, Clone, Deserialize)]
@@ -149,7 +149,7 @@ fn show(drawings: &Drawings, drawing: &Drawing, seed: u64) -> Vec<crate::record:
     // A stream of its own: a drawing that is added changes no other.
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
     generator.set_stream(fnv1a(&drawing.skill));
-    demonstrate(&stroke, &variation, &mut generator, |time| pace.share(time))
+    demonstrate(&stroke, &variation, &mut generator, |time| pace.fraction(time))
 }
 
 /// FNV-1a hash: the same on every machine and with every version of the compiler.
@@ -161,16 +161,16 @@ fn fnv1a(text: &str) -> u64 {
 /// How a hand moves along a stroke: slower where it is bent, v ∝ (κ² + κ₀²)^(−1/6), the two-thirds
 /// power law [Viviani and Schneider 1991], and from rest to rest.
 struct Pace {
-    /// Share of the time, without the rests, at σ = i/n.
+    /// Fraction of the time, without the rests, at σ = i/n.
     times: Vec<f64>,
 }
 
 impl Pace {
     fn new(stroke: &Stroke) -> Self {
-        let slowness = |share: f64| {
-            let h = CURVATURE_SHARE;
-            let share = share.clamp(h, 1.0 - h);
-            let [a, b, c] = [share - h, share, share + h].map(|at| stroke.point(at));
+        let slowness = |fraction: f64| {
+            let h = CURVATURE_FRACTION;
+            let fraction = fraction.clamp(h, 1.0 - h);
+            let [a, b, c] = [fraction - h, fraction, fraction + h].map(|at| stroke.point(at));
             let step = h * stroke.length_m();
             let curvature = (a - 2.0 * b + c).length() / (step * step);
             (curvature.powi(2) + CURVATURE_SOFTENING_1_M.powi(2)).powf(1.0 / 6.0)
@@ -184,8 +184,8 @@ impl Pace {
         Self { times }
     }
 
-    /// Share of the length at a share of the duration.
-    fn share(&self, time: f64) -> f64 {
+    /// Fraction of the length at a fraction of the duration.
+    fn fraction(&self, time: f64) -> f64 {
         let wanted = minimum_jerk(time);
         let above = self.times.partition_point(|time| *time < wanted).clamp(1, TABLE_STEPS);
         let (low, high) = (self.times[above - 1], self.times[above]);
@@ -248,8 +248,8 @@ mod tests {
         let pace = Pace::new(&stroke);
         let slowness = |i: usize| pace.times[i + 1] - pace.times[i];
         assert!(slowness(TABLE_STEPS / 2) > 1.2 * slowness(TABLE_STEPS / 5));
-        assert!(pace.share(0.0).abs() < 1e-12 && (pace.share(1.0) - 1.0).abs() < 1e-12);
-        let shares: Vec<f64> = (0..=50).map(|i| pace.share(f64::from(i) / 50.0)).collect();
+        assert!(pace.fraction(0.0).abs() < 1e-12 && (pace.fraction(1.0) - 1.0).abs() < 1e-12);
+        let shares: Vec<f64> = (0..=50).map(|i| pace.fraction(f64::from(i) / 50.0)).collect();
         assert!(shares.windows(2).all(|pair| pair[0] < pair[1]));
     }
 

@@ -204,15 +204,16 @@ fn draw_obstacle(
 ) -> Obstacle {
     let settings = &scene.obstacle;
     let crossing_time_s = draw(&settings.crossing_time_s);
-    let share = draw(&settings.crossing_share);
+    let fraction = draw(&settings.crossing_fraction);
     let end = goal.at(crossing_time_s).pose;
-    let on_stroke = |share: f64| stroke.between(start, &end, share);
-    let tangent = (on_stroke(share + 0.005) - on_stroke(share - 0.005)).normalize_or(DVec2::X);
+    let on_stroke = |fraction: f64| stroke.between(start, &end, fraction);
+    let tangent =
+        (on_stroke(fraction + 0.005) - on_stroke(fraction - 0.005)).normalize_or(DVec2::X);
     let across = DVec2::from_angle(draw(&settings.crossing_angle_rad)).rotate(tangent.perp());
     let swing_m = draw(&settings.swing_m);
     Obstacle {
         radius_m: draw(&settings.radius_m),
-        crossing_m: on_stroke(share).into(),
+        crossing_m: on_stroke(fraction).into(),
         crossing_time_s,
         direction: (across * draw_sign(draw)).into(),
         swing_m,

@@ -122,9 +122,9 @@ pub(crate) struct Timing {
 #[serde(deny_unknown_fields)]
 pub(crate) struct Extremes {
     pub(crate) clearance_min_m: f64,
-    /// Of the force, as a share of its limit.
+    /// Of the force, as a fraction of its limit.
     pub(crate) effort_fraction_max: f64,
-    /// Of the velocity, as a share of its limit.
+    /// Of the velocity, as a fraction of its limit.
     pub(crate) velocity_fraction_max: f64,
 }
 

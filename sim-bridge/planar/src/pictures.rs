@@ -84,11 +84,11 @@ fn map_between(start: &PlanarPose, goal: &PlanarPose) -> FrameMap {
 }
 
 /// A demonstration carried over to the frames of the run, as the skill carries it: the phase of a
-/// sample is taken as its share of the time.
+/// sample is taken as its fraction of the time.
 fn carried(demonstration: &Demonstration, start: &PlanarPose, goal: &PlanarPose) -> Vec<DVec2> {
     let map = map_between(&demonstration.start, &demonstration.goal);
     let displacement =
-        map.displace(&[at_rest(start), at_rest(goal)]).expect("there are both frames");
+        map.transforms(&[at_rest(start), at_rest(goal)]).expect("there are both frames");
     let last = demonstration.points.len().max(2) - 1;
     let forward = |(i, p): (usize, &DVec2)| {
         let phase = i as f64 / last as f64;
@@ -256,7 +256,7 @@ fn limits(rows: &[Row], bridge: &Bridge) -> String {
     };
     let force = |r: &Row| percent([r.force_x_n, r.force_y_n], bridge.effort_max_n);
     let speed = |r: &Row| percent([r.vx_m_s, r.vy_m_s], bridge.velocity_max_m_s);
-    let y = Axis::logarithmic("share of the limit [%]", 0.01, 100.0);
+    let y = Axis::logarithmic("fraction of the limit [%]", 0.01, 100.0);
     let mut plot = Plot::new("Forces and speeds against their limits", time_axis(rows), y, CHART);
     let [force_limit, speed_limit] = [bridge.effort_max_n[0], bridge.velocity_max_m_s[0]];
     level(&mut plot, rows, 100.0, RED, "limit");

@@ -102,8 +102,8 @@ fn of_scene(scene: &Scene, seed: u64) -> Vec<Demonstration> {
     demonstrate(&Stroke::lying_s(settings), &variation, &mut generator, minimum_jerk)
 }
 
-/// Shows a stroke between frames that differ from time to time; `pace` is the share of its length
-/// at a share of the duration.
+/// Shows a stroke between frames that differ from time to time; `pace` is the fraction of its length
+/// at a fraction of the duration.
 pub(crate) fn demonstrate(
     stroke: &Stroke,
     settings: &Variation,
@@ -125,8 +125,8 @@ pub(crate) fn demonstrate(
             let steps = settings.duration_s.draw(generator) / settings.sampling_time_s;
             let steps = steps.round() as usize;
             let point = |i: usize| {
-                let share = pace(i as f64 / steps as f64);
-                stroke.between(&start, &goal, share) + variation(&waves, share)
+                let fraction = pace(i as f64 / steps as f64);
+                stroke.between(&start, &goal, fraction) + variation(&waves, fraction)
             };
             Demonstration { start, goal, points: (0..=steps).map(point).collect() }
         })
@@ -134,9 +134,10 @@ pub(crate) fn demonstrate(
 }
 
 /// A smooth deviation that leaves both ends, and the direction there, as they are \[m\].
-fn variation(waves: &[DVec2; VARIATION_WAVES], share: f64) -> DVec2 {
-    let envelope = (PI * share).sin().powi(2);
-    let wave = |(k, amplitude): (usize, &DVec2)| *amplitude * (PI * (k + 1) as f64 * share).cos();
+fn variation(waves: &[DVec2; VARIATION_WAVES], fraction: f64) -> DVec2 {
+    let envelope = (PI * fraction).sin().powi(2);
+    let wave =
+        |(k, amplitude): (usize, &DVec2)| *amplitude * (PI * (k + 1) as f64 * fraction).cos();
     envelope * waves.iter().enumerate().map(wave).sum::<DVec2>()
 }
 

@@ -168,7 +168,7 @@ fn table(result: &RunResult) -> Vec<(String, String)> {
             result.position_error_mm.map_or("—".into(), |e| format!("{e:.2} mm")),
         ),
         ("least gap to the obstacle", format!("{:.1} mm", result.clearance_min_mm)),
-        ("largest share of a limit", format!("{:.1} %", 100.0 * result.limit_fraction_max)),
+        ("largest fraction of a limit", format!("{:.1} %", 100.0 * result.limit_fraction_max)),
         ("tick, median / 99 % / max", times(&result.tick_us)),
         ("age of the state, median / 99 % / max", times(&result.state_age_us)),
         ("ticks", text(&result.ticks)),

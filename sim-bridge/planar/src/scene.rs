@@ -90,8 +90,8 @@ pub(crate) struct GoalSettings {
 #[serde(deny_unknown_fields)]
 pub(crate) struct ObstacleSettings {
     pub(crate) radius_m: Range,
-    /// Where it crosses the stroke, as a share of its length.
-    pub(crate) crossing_share: Range,
+    /// Where it crosses the stroke, as a fraction of its length.
+    pub(crate) crossing_fraction: Range,
     pub(crate) crossing_time_s: Range,
     /// Direction in which it crosses, against the stroke's normal.
     pub(crate) crossing_angle_rad: Range,
@@ -158,8 +158,8 @@ impl Range {
     /// One value.
     pub(crate) fn draw(&self, generator: &mut ChaCha8Rng) -> f64 {
         // 53 random bits: the same on every machine and with every version of a crate.
-        let share = (generator.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
-        self.low + (self.high - self.low) * share
+        let fraction = (generator.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
+        self.low + (self.high - self.low) * fraction
     }
 }
 
@@ -212,7 +212,7 @@ impl Scene {
             ("goal.turn_speed_rad_s", goal.turn_speed_rad_s, any),
             ("goal.turn_phase_rad", goal.turn_phase_rad, any),
             ("obstacle.radius_m", obstacle.radius_m, 0.0),
-            ("obstacle.crossing_share", obstacle.crossing_share, 0.0),
+            ("obstacle.crossing_fraction", obstacle.crossing_fraction, 0.0),
             ("obstacle.crossing_time_s", obstacle.crossing_time_s, 0.0),
             ("obstacle.crossing_angle_rad", obstacle.crossing_angle_rad, any),
             ("obstacle.crossing_speed_m_s", obstacle.crossing_speed_m_s, 0.0),
@@ -260,9 +260,9 @@ impl Scene {
             );
             return Err(SimError::key(path, "physics.rate_hz", problem));
         }
-        if obstacle.crossing_share.high > 1.0 {
+        if obstacle.crossing_fraction.high > 1.0 {
             let problem = "expected shares from 0 to 1";
-            return Err(SimError::key(path, "obstacle.crossing_share", problem));
+            return Err(SimError::key(path, "obstacle.crossing_fraction", problem));
         }
         Ok(())
     }

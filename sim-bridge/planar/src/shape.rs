@@ -32,7 +32,7 @@ impl PlanarPose {
     }
 }
 
-/// A stroke, by its share of arc length σ ∈ \[0, 1\].
+/// A stroke, by its fraction of arc length σ ∈ \[0, 1\].
 #[derive(Debug, Clone)]
 pub(crate) struct Stroke {
     curve: Curve,
@@ -102,9 +102,9 @@ impl Stroke {
         self.arc_m[TABLE_POINTS - 1]
     }
 
-    /// The point at the share σ of the arc length \[m\].
-    pub(crate) fn point(&self, share: f64) -> DVec2 {
-        let wanted = share.clamp(0.0, 1.0) * self.length_m();
+    /// The point at the fraction σ of the arc length \[m\].
+    pub(crate) fn point(&self, fraction: f64) -> DVec2 {
+        let wanted = fraction.clamp(0.0, 1.0) * self.length_m();
         let above = self.arc_m.partition_point(|arc| *arc < wanted).clamp(1, TABLE_POINTS - 1);
         let (low, high) = (self.arc_m[above - 1], self.arc_m[above]);
         let s = (above as f64 - 1.0 + (wanted - low) / (high - low)) / (TABLE_POINTS - 1) as f64;
@@ -113,11 +113,11 @@ impl Stroke {
 
     /// The point at σ of the stroke laid between two frames: at the start it moves with the start
     /// frame, at the end with the end frame, between with a smooth blend of both \[m\].
-    pub(crate) fn between(&self, start: &PlanarPose, end: &PlanarPose, share: f64) -> DVec2 {
-        let point = self.point(share);
+    pub(crate) fn between(&self, start: &PlanarPose, end: &PlanarPose, fraction: f64) -> DVec2 {
+        let point = self.point(fraction);
         let with_start = start.transform(point - self.start());
         let with_end = end.transform(point - self.end());
-        with_start.lerp(with_end, minimum_jerk(share))
+        with_start.lerp(with_end, minimum_jerk(fraction))
     }
 }
 

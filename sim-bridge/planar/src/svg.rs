@@ -52,13 +52,13 @@ impl Axis {
     }
 
     /// Where a value lies, from 0 to 1; held inside the axis.
-    fn share(&self, value: f64) -> f64 {
-        let share = if self.logarithmic {
+    fn fraction(&self, value: f64) -> f64 {
+        let fraction = if self.logarithmic {
             (value.max(1e-300) / self.low).ln() / (self.high / self.low).ln()
         } else {
             (value - self.low) / (self.high - self.low)
         };
-        share.clamp(0.0, 1.0)
+        fraction.clamp(0.0, 1.0)
     }
 
     fn ticks(&self) -> Vec<f64> {
@@ -138,7 +138,7 @@ impl Plot {
     }
 
     fn at(&self, point: DVec2) -> DVec2 {
-        self.size * DVec2::new(self.x.share(point.x), 1.0 - self.y.share(point.y))
+        self.size * DVec2::new(self.x.fraction(point.x), 1.0 - self.y.fraction(point.y))
     }
 
     /// A line through points; without a label it is not in the legend.
@@ -252,7 +252,7 @@ impl Plot {
         };
         let (x_ticks, y_ticks) = (self.x.ticks(), self.y.ticks());
         for &tick in &x_ticks {
-            let x = w * self.x.share(tick);
+            let x = w * self.x.fraction(tick);
             add(format!(
                 "<line x1=\"{x:.1}\" y1=\"0\" x2=\"{x:.1}\" y2=\"{h:.1}\" stroke=\"{FAINT}\"/>\
                  <text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
@@ -261,7 +261,7 @@ impl Plot {
             ));
         }
         for &tick in &y_ticks {
-            let y = h * (1.0 - self.y.share(tick));
+            let y = h * (1.0 - self.y.fraction(tick));
             add(format!(
                 "<line x1=\"0\" y1=\"{y:.1}\" x2=\"{w:.1}\" y2=\"{y:.1}\" stroke=\"{FAINT}\"/>\
                  <text x=\"-8\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
@@ -345,7 +345,7 @@ mod tests {
         assert_eq!(axis.ticks(), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
         let axis = Axis::logarithmic("error [mm]", 0.07, 2400.0);
         assert_eq!(axis.ticks().len(), 7);
-        assert!((axis.share(10.0) - 0.5).abs() < 1e-12);
+        assert!((axis.fraction(10.0) - 0.5).abs() < 1e-12);
         assert_eq!(number(-0.0), "0");
         assert_eq!(number(-0.25), "−0.25");
         assert_eq!(number(1e6), "1e6");

@@ -240,7 +240,7 @@ def _row(
         "orientation_error_deg": orientation,
         "contacts": run.contacts,
         "clearance_min_m": {key: _seen(value) for key, value in run.clearance.items()},
-        "limit_shares": run.shares,
+        "limit_fractions": run.shares,
         "joint_speed_max_rad_s": run.speed_max_rad_s,
         "reason": run.reason.name.lower(),
         "reasons": {key: round(time_s, 3) for key, time_s in run.reasons.items()},
@@ -266,7 +266,7 @@ def harms(row: dict) -> list[str]:
         for what, time_s in row["contacts"].items()
         if not what.endswith(" box")
     ]
-    for limit, share in row["limit_shares"].items():
+    for limit, share in row["limit_fractions"].items():
         if share > 1.0:
             found.append(f"joint {limit} limit exceeded: {100.0 * share:.1f} %")
     return found

@@ -83,12 +83,12 @@ def _section(experiment: str, own: list[tuple[dict, list]]) -> str:
     near, own_near = (
         [1e3 * c[what] for c in least if c[what] is not None] for what in ("obstacle", "self")
     )
-    used = [100.0 * max(row["limit_shares"].values()) for row in rows]
+    used = [100.0 * max(row["limit_fractions"].values()) for row in rows]
     for values, low, high, limit, caption in (
         (errors, 0.0, 6.0, 5.0, "Position error at the grip [mm]; the limit is 5."),
         (near, -10.0, 150.0, 0.0, "Least clearance from the obstacle [mm]; a contact is at 0."),
         (own_near, -10.0, 60.0, 0.0, "Least clearance of the arm from itself [mm]."),
-        (used, 0.0, 120.0, 100.0, "Largest share of a position, velocity or torque limit [%]."),
+        (used, 0.0, 120.0, 100.0, "Largest fraction of a position, velocity or torque limit [%]."),
     ):
         if values:
             parts.append(_figure(_histogram(values, low, high, limit), caption))

@@ -49,8 +49,8 @@ def verdicts(rows: list[dict]) -> list[Verdict]:
             told = sum(any(reason in row["reasons"] for reason in REPORTED) for row in asked)
             must = "a goal that cannot be reached is reported, blocked or unreachable"
             if asked:
-                told_share = share(told, len(asked))
-                found.append(Verdict(experiment, must, told_share, told == len(asked)))
+                told_fraction = share(told, len(asked))
+                found.append(Verdict(experiment, must, told_fraction, told == len(asked)))
             picked = sum(row["picked"] for row in own)
             live = sum(row["picked"] or row["reason"] in REPORTED for row in own)
             must = "it goes on once the goal is at the box: picks it, or waits and says so"

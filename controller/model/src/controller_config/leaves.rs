@@ -70,8 +70,8 @@ pub struct Avoidance {
     pub clearance_min_m: f64,
     /// Inertia of the leaf \[kg\].
     pub inertia_kg: f64,
-    /// Share of the inertia that speaks at any velocity.
-    pub rest_share: f64,
+    /// Fraction of the inertia that speaks at any velocity.
+    pub rest_fraction: f64,
     /// Approach speed that counts as fast \[m/s\].
     pub approach_speed_m_s: f64,
     /// Strength of the repulsion \[m²/s²\].
@@ -93,7 +93,7 @@ pub struct Collision {
     pub steering: Option<Steering>,
     /// What obstacles add to a joint's acceleration takes at least this long to grow to
     /// `robot.acceleration_max` \[s\].
-    pub onset_s: f64,
+    pub ramp_time_s: f64,
     /// Pairs that need not keep apart, e.g. the tool and the table it picks from.
     pub exempt: Vec<Exemption>,
 }
@@ -148,8 +148,8 @@ pub struct JointLimitLeaf {
     pub distance_min: f64,
     /// Inertia of the leaf \[kg m² or kg\].
     pub inertia: f64,
-    /// Share of the inertia that speaks at any velocity.
-    pub rest_share: f64,
+    /// Fraction of the inertia that speaks at any velocity.
+    pub rest_fraction: f64,
     /// Speed towards the limit that counts as fast \[rad/s or m/s\].
     pub approach_speed: f64,
     /// Strength of the repulsion \[rad²/s² or m²/s²\].
@@ -162,8 +162,8 @@ pub struct JointLimitLeaf {
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JointSpeedLeaf {
-    /// Share of the permitted speed from which on the leaf speaks.
-    pub free_share: f64,
+    /// Fraction of the permitted speed from which on the leaf speaks.
+    pub free_fraction: f64,
     /// Inertia of the leaf \[kg m² or kg\].
     pub inertia: f64,
     /// Damping \[1/s\].
@@ -307,7 +307,7 @@ impl Avoidance {
             activation_distance_m: self.activation_distance_m,
             clearance_min_m: self.clearance_min_m,
             inertia_kg: self.inertia_kg,
-            rest_share: self.rest_share,
+            rest_fraction: self.rest_fraction,
             approach_speed_m_s: self.approach_speed_m_s,
             repulsion_m2_s2: self.repulsion_m2_s2,
             damping_1_s: self.damping_1_s,
@@ -342,7 +342,7 @@ impl JointLimitLeaf {
             activation_distance_m: self.activation_distance,
             clearance_min_m: self.distance_min,
             inertia_kg: self.inertia,
-            rest_share: self.rest_share,
+            rest_fraction: self.rest_fraction,
             approach_speed_m_s: self.approach_speed,
             repulsion_m2_s2: self.repulsion,
             damping_1_s: self.damping_1_s,

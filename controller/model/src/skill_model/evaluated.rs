@@ -83,7 +83,7 @@ impl SkillModel {
         let goal = &canonical.goal;
         let (frame, phase) = (&canonical.goal_frame, canonical.goal_phase);
         anchors.push(anchor(&self.goal_frame, frame, goal.position_m, phase));
-        let map = FrameMap::new(&anchors, (*goal).into(), canonical.positions_turn)?;
+        let map = FrameMap::new(&anchors, (*goal).into(), canonical.rotate_positions)?;
         let adaptation = canonical.adaptation.as_ref();
         Ok(map.adapting(adaptation.and_then(super::Adaptation::evaluated)))
     }

@@ -41,16 +41,16 @@ use crate::natural::{Factor, Natural};
 pub const STEERED_CAPACITY: usize = 32;
 
 /// β below which a point does not yet choose a side.
-const LATCH_SHARE: f64 = 0.02;
+const LATCH_FRACTION: f64 = 0.02;
 /// Sine of the angle to the normal below which a velocity does not tell a side.
 const HEAD_ON: f64 = 0.15;
 /// Sine of that angle at which a velocity the other way leads back.
 const BACK: f64 = 0.3;
-/// The energy of the task is well below that at the choice of the side from this share of it on; from
-/// twice this share on it begins to be.
+/// The energy of the task is well below that at the choice of the side from this fraction of it on; from
+/// twice this fraction on it begins to be.
 const LOW: f64 = 0.25;
-/// A body that presses and moves by less than this share of |u| …
-const REST_SHARE: f64 = 0.05;
+/// A body that presses and moves by less than this fraction of |u| …
+const REST_FRACTION: f64 = 0.05;
 /// … for so long tries another side [s].
 const REST_S: f64 = 0.5;
 /// Clearance of the goal from an obstacle above which the obstacle is gone around; at none it covers
@@ -210,11 +210,11 @@ pub struct AvoidanceState {
 
 /// What the avoidance saw.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Nearness {
+pub struct Proximity {
     /// Least clearance, margin taken off; infinite where there is nothing \[m\].
     pub clearance_min_m: f64,
-    /// Largest share of the wanted velocity that pressed on an obstacle near it, β p/|u|: 0 to 1.
-    pub pressing: f64,
+    /// Largest fraction of the wanted velocity that pressed on an obstacle near it, β p/|u|: 0 to 1.
+    pub obstructed_fraction: f64,
 }
 
 pub(crate) fn vector(v: DVec3) -> Vector3<f64> {
@@ -245,12 +245,12 @@ impl Avoidance {
         dt: f64,
         root: &mut Natural<N>,
         state: &mut AvoidanceState,
-    ) -> Nearness {
+    ) -> Proximity {
         let range = self.steering.map_or(0.0, |steering| steering.range_m);
         let reach = range.max(self.leaf.activation_distance_m);
-        let mut seen = Nearness { clearance_min_m: f64::INFINITY, pressing: 0.0 };
+        let mut seen = Proximity { clearance_min_m: f64::INFINITY, obstructed_fraction: 0.0 };
         // Of what presses: Σw, Σw |ẋ|/|u|.
-        let (mut pressing_sum, mut motion_sum) = (0.0, 0.0);
+        let (mut obstructed_sum, mut motion_sum) = (0.0, 0.0);
         for (k, obstacle) in obstacles.iter().enumerate() {
             let mut near = false;
             let mut open = None;
@@ -287,22 +287,25 @@ impl Avoidance {
                     }
                     let relative = motion.velocity - obstacle.velocity_at(motion.position);
                     let wanted = steering.wanted(&motion, relative, free);
-                    let beta = steering.share(distance);
+                    let beta = steering.fraction(distance);
                     near |= beta > 0.0;
-                    let Some(pressing) = steering.pressing(&clearance, wanted) else { continue };
-                    let weight = beta * pressing;
-                    pressing_sum += weight;
+                    let Some(speed) = steering.obstructed_speed(&clearance, wanted) else {
+                        continue;
+                    };
+                    let weight = beta * speed;
+                    obstructed_sum += weight;
                     motion_sum += weight * relative.length() / wanted.length();
                     let normal = clearance.normal;
                     let chosen = state.axis(k, &steering, normal, wanted, beta, task_energy);
                     let Some(axis) = chosen else { continue };
-                    let open = *open.get_or_insert_with(|| self.goal_share(body, obstacle));
+                    let open = *open.get_or_insert_with(|| self.goal_fraction(body, obstacle));
                     let persistence = state.persistence(normal, wanted, axis, task_energy);
                     let gain = steering.gain * persistence * open;
                     let aside = normal + axis.cross(normal) * gain;
                     let turned = (wanted + aside * weight).clamp_length_max(wanted.length());
                     let change = turned - wanted;
-                    seen.pressing = seen.pressing.max(weight / wanted.length());
+                    seen.obstructed_fraction =
+                        seen.obstructed_fraction.max(weight / wanted.length());
                     let mut mobility = factor.mobility(&motion.jacobian);
                     mobility += Matrix3::identity() * (TASK_DAMPING * mobility.trace() / 3.0);
                     if let Some(task) = Factor::new(&mobility) {
@@ -320,7 +323,7 @@ impl Avoidance {
             }
         }
         state.axes.iter_mut().skip(obstacles.len()).for_each(|axis| *axis = None);
-        let rests = pressing_sum > 0.0 && motion_sum < REST_SHARE * pressing_sum;
+        let rests = obstructed_sum > 0.0 && motion_sum < REST_FRACTION * obstructed_sum;
         state.rest_s = if rests { state.rest_s + dt } else { 0.0 };
         seen
     }
@@ -328,7 +331,7 @@ impl Avoidance {
 
 impl Avoidance {
     /// 0 where the obstacle covers the goal, 1 where the goal is well clear of it.
-    fn goal_share<const N: usize>(&self, body: &impl Body<N>, obstacle: &Obstacle) -> f64 {
+    fn goal_fraction<const N: usize>(&self, body: &impl Body<N>, obstacle: &Obstacle) -> f64 {
         let clearance = |i: usize| {
             let goal = body.at_goal(i).filter(|_| body.acts_within(i, &obstacle.shape) > 0.0)?;
             Some(obstacle.distance(goal, body.ball(i).1 + self.margin_m))
@@ -362,12 +365,13 @@ impl AvoidanceState {
             self.energy = task_energy;
             self.rest_s = 0.0;
         }
-        let first = || (beta >= LATCH_SHARE).then(|| steering.axis(normal, turn, size, inherited));
+        let first =
+            || (beta >= LATCH_FRACTION).then(|| steering.axis(normal, turn, size, inherited));
         self.axes[k] = anew.or(latched).or_else(first);
         self.axes[k]
     }
 
-    /// Share of κ that remains: 0 where the energy is low and the task leads back, else 1.
+    /// Fraction of κ that remains: 0 where the energy is low and the task leads back, else 1.
     fn persistence(&self, normal: DVec3, wanted: DVec3, axis: DVec3, task_energy: f64) -> f64 {
         let size = wanted.length().max(f64::MIN_POSITIVE);
         let back = -normal.cross(wanted).dot(axis) / (BACK * size);
@@ -389,16 +393,16 @@ impl Steering {
     }
 
     /// β.
-    fn share(&self, distance: f64) -> f64 {
-        let share = (1.0 - distance / self.range_m).clamp(0.0, 1.0);
-        share * share * (3.0 - 2.0 * share)
+    fn fraction(&self, distance: f64) -> f64 {
+        let fraction = (1.0 - distance / self.range_m).clamp(0.0, 1.0);
+        fraction * fraction * (3.0 - 2.0 * fraction)
     }
 
     /// p, `None` where nothing presses.
-    fn pressing(&self, clearance: &Clearance, wanted: DVec3) -> Option<f64> {
+    fn obstructed_speed(&self, clearance: &Clearance, wanted: DVec3) -> Option<f64> {
         let permitted = self.approach_1_s * clearance.distance.max(0.0);
-        let pressing = -clearance.normal.dot(wanted) - permitted;
-        (pressing > 0.0 && pressing.is_finite()).then_some(pressing)
+        let speed = -clearance.normal.dot(wanted) - permitted;
+        (speed > 0.0 && speed.is_finite()).then_some(speed)
     }
 
     /// Another axis than this one: the opposite in the plane; in space, in four steps all around.

@@ -59,8 +59,8 @@ impl<const N: usize> JointLimits<N> {
 pub struct JointSpeedLimits<const N: usize> {
     /// v: largest speeds \[rad/s or m/s\].
     pub speed_max: SVector<f64, N>,
-    /// r: share of the largest speed from which on the leaf acts.
-    pub free_share: f64,
+    /// r: fraction of the largest speed from which on the leaf acts.
+    pub free_fraction: f64,
     /// m \[kg m² or kg\].
     pub inertia: f64,
     /// η \[1/s\].
@@ -73,9 +73,9 @@ const EXCESS_MAX: f64 = 0.98;
 impl<const N: usize> JointSpeedLimits<N> {
     /// G and ½ q̇ ∂G/∂q̇ of joint `i`.
     fn metric(&self, i: usize, speed: f64) -> (f64, f64) {
-        let span = 1.0 - self.free_share;
+        let span = 1.0 - self.free_fraction;
         let relative = (speed / self.speed_max[i]).abs();
-        let z = ((relative - self.free_share) / span).clamp(0.0, EXCESS_MAX);
+        let z = ((relative - self.free_fraction) / span).clamp(0.0, EXCESS_MAX);
         let slope = if z < EXCESS_MAX { z * (2.0 - z) / ((1.0 - z) * (1.0 - z)) } else { 0.0 };
         (self.inertia * z * z / (1.0 - z), 0.5 * self.inertia * slope * relative / span)
     }

@@ -32,9 +32,9 @@ pub struct CollisionAvoidance {
     pub clearance_min_m: f64,
     /// m \[kg\].
     pub inertia_kg: f64,
-    /// ε: share of the inertia that speaks at any velocity.
-    pub rest_share: f64,
-    /// v₀: approach speed at which the inertia doubles the rest share's unit \[m/s\].
+    /// ε: fraction of the inertia that speaks at any velocity.
+    pub rest_fraction: f64,
+    /// v₀: approach speed at which the inertia doubles the rest fraction's unit \[m/s\].
     pub approach_speed_m_s: f64,
     /// a: strength of the repulsive potential \[m²/s²\].
     pub repulsion_m2_s2: f64,
@@ -54,8 +54,8 @@ impl CollisionAvoidance {
         let weight = self.inertia_kg * ratio * ratio;
         let slope = -2.0 * self.inertia_kg * ratio * self.activation_distance_m / (d * d);
         let approach = rate.min(0.0) / self.approach_speed_m_s;
-        let gate = self.rest_share + approach * approach;
-        let metric = weight * (self.rest_share + 2.0 * approach * approach);
+        let gate = self.rest_fraction + approach * approach;
+        let metric = weight * (self.rest_fraction + 2.0 * approach * approach);
         let force = -0.5 * self.repulsion_m2_s2 * slope
             - self.damping_1_s * weight * gate * rate
             - 0.5 * slope * gate * rate * rate;
@@ -88,7 +88,7 @@ impl CollisionAvoidance {
         let ratio = self.activation_distance_m / distance.max(self.clearance_min_m) - 1.0;
         let weight = self.inertia_kg * ratio * ratio;
         let approach = rate.min(0.0) / self.approach_speed_m_s;
-        let gate = self.rest_share + approach * approach;
+        let gate = self.rest_fraction + approach * approach;
         0.5 * weight * (self.repulsion_m2_s2 + gate * rate * rate)
     }
 }
@@ -131,11 +131,11 @@ impl ApproachFunnel {
         let along = axis.dot(away);
         let sideways = away.minus(axis.times(along));
         let scaled = sideways.dot(sideways) * Jet::constant(-0.5 / (self.width_m * self.width_m));
-        let share = scaled.value().exp();
-        let bell = scaled.chain([share, share, share]);
+        let fraction = scaled.value().exp();
+        let bell = scaled.chain([fraction, fraction, fraction]);
         let start = Jet::constant(self.leaf.activation_distance_m - self.depth_m);
         let clearance = start + along + bell * Jet::constant(self.depth_m);
-        let steepness = self.depth_m * share / (self.width_m * self.width_m);
+        let steepness = self.depth_m * fraction / (self.width_m * self.width_m);
         Clearance {
             distance: clearance.0,
             rate: clearance.1,
@@ -287,12 +287,13 @@ impl JointDamping {
 mod tests {
     use super::*;
     use glam::DQuat;
+    use tprmp_spatial::SpatialAcceleration;
 
     const LEAF: CollisionAvoidance = CollisionAvoidance {
         activation_distance_m: 0.15,
         clearance_min_m: 0.002,
         inertia_kg: 0.5,
-        rest_share: 0.1,
+        rest_fraction: 0.1,
         approach_speed_m_s: 0.3,
         repulsion_m2_s2: 0.05,
         damping_1_s: 6.0,
@@ -357,23 +358,27 @@ mod tests {
         };
         let pose = Pose { position: DVec3::ONE, orientation: DQuat::from_rotation_y(0.4) };
         let goal = MovingPose {
-            linear_velocity: DVec3::new(0.1, 0.2, -0.3),
-            angular_velocity: DVec3::new(0.0, 0.4, 0.1),
-            linear_acceleration: DVec3::new(1.0, -2.0, 0.5),
-            angular_acceleration: DVec3::new(0.3, 0.2, 0.1),
+            velocity: Twist {
+                linear: DVec3::new(0.1, 0.2, -0.3),
+                angular: DVec3::new(0.0, 0.4, 0.1),
+            },
+            acceleration: SpatialAcceleration {
+                linear: DVec3::new(1.0, -2.0, 0.5),
+                angular: DVec3::new(0.3, 0.2, 0.1),
+            },
             ..MovingPose::at_rest(pose)
         };
         let asked = |linear: DVec3, angular: DVec3| {
             let a = attractor.towards(&pose, linear, angular, &goal).resolve().unwrap();
             [DVec3::new(a[0], a[1], a[2]), DVec3::new(a[3], a[4], a[5])]
         };
-        let along = asked(goal.linear_velocity, goal.angular_velocity);
-        assert!((along[0] - goal.linear_acceleration).length() < 1e-12, "{along:?}");
-        assert!((along[1] - goal.angular_acceleration).length() < 1e-12, "{along:?}");
+        let along = asked(goal.velocity.linear, goal.velocity.angular);
+        assert!((along[0] - goal.acceleration.linear).length() < 1e-12, "{along:?}");
+        assert!((along[1] - goal.acceleration.angular).length() < 1e-12, "{along:?}");
         // A pose that stands still lags behind.
         let still = asked(DVec3::ZERO, DVec3::ZERO);
-        let lag = still[0] - goal.linear_acceleration;
-        assert!((lag - goal.linear_velocity * 9.0).length() < 1e-12, "{still:?}");
+        let lag = still[0] - goal.acceleration.linear;
+        assert!((lag - goal.velocity.linear * 9.0).length() < 1e-12, "{still:?}");
     }
 
     const FUNNEL: ApproachFunnel =
@@ -396,9 +401,14 @@ mod tests {
         let frame = |t: f64| {
             let spin = DQuat::from_rotation_x(omega * t) * DQuat::from_rotation_y(0.2);
             MovingPose {
-                linear_velocity: DVec3::new(0.1, 0.2 * t, 0.0),
-                linear_acceleration: DVec3::new(0.0, 0.2, 0.0),
-                angular_velocity: DVec3::X * omega,
+                velocity: Twist {
+                    linear: DVec3::new(0.1, 0.2 * t, 0.0),
+                    angular: DVec3::X * omega,
+                },
+                acceleration: SpatialAcceleration {
+                    linear: DVec3::new(0.0, 0.2, 0.0),
+                    angular: DVec3::ZERO,
+                },
                 ..MovingPose::at_rest(Pose {
                     position: DVec3::new(0.1 * t, 0.1 * t * t, 0.3),
                     orientation: spin,

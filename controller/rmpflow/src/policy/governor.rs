@@ -60,7 +60,7 @@ impl SpeedGovernor {
             let part = |v: &Vector6<f64>| Vector3::new(v[first], v[first + 1], v[first + 2]);
             let now = part(velocity);
             let wanted = now + factor.solve(&part(&policy.force)) / self.response_1_s;
-            [speed_share(&wanted, most), change_share(&wanted, &now, most)]
+            [speed_fraction(&wanted, most), change_fraction(&wanted, &now, most)]
         };
         let [linear, angular] = [shares(self.linear_max_m_s, 0), shares(self.angular_max_rad_s, 3)];
         // Both are slowed alike, and each brakes for itself.
@@ -79,13 +79,13 @@ impl SpeedGovernor {
 }
 
 /// The largest s ≤ 1 with |s u| ≤ v.
-fn speed_share(wanted: &Vector3<f64>, most: f64) -> f64 {
+fn speed_fraction(wanted: &Vector3<f64>, most: f64) -> f64 {
     let squared = wanted.norm_squared();
     if squared > most * most { most / squared.sqrt() } else { 1.0 }
 }
 
 /// The largest s ≤ 1 with |s u − ẋ| ≤ max(v, |ẋ|). There is one: s = 0 will do.
-fn change_share(wanted: &Vector3<f64>, now: &Vector3<f64>, most: f64) -> f64 {
+fn change_fraction(wanted: &Vector3<f64>, now: &Vector3<f64>, most: f64) -> f64 {
     let change = most.max(now.norm());
     if (wanted - now).norm_squared() <= change * change {
         return 1.0;
@@ -161,13 +161,13 @@ mod tests {
             x in prop::array::uniform3(-4.0..4.0f64),
         ) {
             let (u, x, v) = (Vector3::from(u), Vector3::from(x), 2.0);
-            // Across the motion the bound hardly depends on the share.
+            // Across the motion the bound hardly depends on the fraction.
             prop_assume!(x.norm() < 1.99 || u.dot(&x).abs() > 0.01 * x.norm());
-            let s = change_share(&u, &x, v);
+            let s = change_fraction(&u, &x, v);
             let keeps = |s: f64| (u * s - x).norm() <= v.max(x.norm()) + 1e-9;
             prop_assert!((0.0..=1.0).contains(&s) && keeps(s));
             prop_assert!(s == 1.0 || !keeps(s + 1e-6));
-            prop_assert!((u * speed_share(&u, v)).norm() <= v + 1e-9);
+            prop_assert!((u * speed_fraction(&u, v)).norm() <= v + 1e-9);
         }
     }
 

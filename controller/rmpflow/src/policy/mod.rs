@@ -24,11 +24,11 @@ pub enum Policy {
     Pose(ProductSkill<6>),
 }
 
-/// A tool is held back when more than this share of the velocity it wants leads into an obstacle; its
+/// A tool is held back when more than this fraction of the velocity it wants leads into an obstacle; its
 /// phase then has at least …
-const PRESSING_MIN: f64 = 0.1;
-/// … this share of its own pull.
-const HELD_SHARE: f64 = 0.3;
+const OBSTRUCTED_MIN: f64 = 0.1;
+/// … this fraction of its own pull.
+const HELD_FRACTION: f64 = 0.3;
 
 /// What a policy needs between calls. It serves a policy of any kind, and belongs to one policy.
 #[derive(Debug, Clone, Default)]
@@ -62,10 +62,10 @@ impl PolicyState {
     }
 
     /// Tells how much of the velocity that the tool wants leads into an obstacle, 0 to 1
-    /// ([`Nearness::pressing`](crate::leaves::avoidance::Nearness::pressing)). A skill that is held back goes on
+    /// ([`Proximity::obstructed_fraction`](crate::leaves::avoidance::Proximity::obstructed_fraction)). A skill that is held back goes on
     /// along its way nonetheless, slower, so that the tool leaves the obstacle sooner or later.
-    pub fn press(&mut self, share: f64) {
-        self.held = share > PRESSING_MIN;
+    pub fn set_obstructed(&mut self, fraction: f64) {
+        self.held = fraction > OBSTRUCTED_MIN;
     }
 
     /// Goes on for `dt_s` with the acceleration that the tool gets, forces of others included.
@@ -95,7 +95,7 @@ impl Policy {
 
     /// Whether it leads the orientation too.
     #[must_use]
-    pub fn turns(&self) -> bool {
+    pub fn has_orientation(&self) -> bool {
         match self {
             Self::Canonical(skill) => skill.orientation.is_some(),
             Self::Plane(_) | Self::Space(_) => false,
@@ -124,16 +124,15 @@ impl Policy {
     ) -> SkillValue {
         match self {
             Self::Canonical(skill) => {
-                let Some(displacement) = skill.displace(frames) else {
+                let Some(transforms) = skill.transforms(frames) else {
                     return SkillValue::undefined();
                 };
                 let phase = state
                     .phase
-                    .get_or_insert_with(|| skill.nearest_phase(inertia, &displacement, pose));
-                let mut value =
-                    skill.evaluate(inertia, &displacement, pose, linear, angular, phase);
+                    .get_or_insert_with(|| skill.nearest_phase(inertia, &transforms, pose));
+                let mut value = skill.evaluate(inertia, &transforms, pose, linear, angular, phase);
                 if state.held {
-                    value.phase.least = skill.pull(inertia, phase, HELD_SHARE);
+                    value.phase.least = skill.pull(inertia, phase, HELD_FRACTION);
                 }
                 value
             }
@@ -244,7 +243,7 @@ mod tests {
             let beside = Pose { position: goal.position + DVec3::X * 0.1, ..goal };
             assert!(evaluate(&frames, &beside, &mut state).natural.force[0] < -0.1);
             let inertia = at_goal.natural.metric;
-            assert_eq!(inertia[(5, 5)] > 0.0, policy.turns());
+            assert_eq!(inertia[(5, 5)] > 0.0, policy.has_orientation());
             assert!((inertia[(0, 0)] / INERTIA.linear_kg - 1.0).abs() < 0.3);
             let too_few = &frames[..policy.frame_count() - 1];
             assert!(evaluate(too_few, &goal, &mut state).natural.resolve().is_err());

@@ -15,7 +15,7 @@ use super::sampled;
 use crate::follower::{Follower, Moment, Wish, point_wish};
 use tprmp_learner::demonstration::Demonstration;
 
-/// K and D = 2 √K, critically damped; times as shares of the duration.
+/// K and D = 2 √K, critically damped; times as fractions of the duration.
 const STIFFNESS: f64 = 150.0;
 /// α: s falls to exp(−α) by the end.
 const DECAY: f64 = 4.0;

@@ -318,7 +318,7 @@ fn length(metres: f64) -> String {
 }
 
 fn draw_box(panel: &mut Panel, x: f64, half: f64, values: &[f64], colour: &'static str) {
-    let at = |share| decade(quantile(values, share).unwrap_or(f64::INFINITY));
+    let at = |fraction| decade(quantile(values, fraction).unwrap_or(f64::INFINITY));
     let [least, low, middle, high, most] = [0.0, 0.25, 0.5, 0.75, 1.0].map(at);
     let p = DVec2::new;
     let thin = line(colour, 1.2, "");
@@ -345,7 +345,7 @@ fn successes(run: &Run, figures: &[Published]) -> Vec<Picture> {
     let (first, last) = (xs[0] - 0.6 * step, xs[xs.len() - 1] + 0.6 * step);
     let mut panel = Panel::graph(
         "no contact, and within 1 cm of the true goal",
-        ["obstacle radius [m]", "share of the feasible cases [%]"],
+        ["obstacle radius [m]", "fraction of the feasible cases [%]"],
         [DVec2::new(first, -4.0), DVec2::new(last, 105.0)],
         SIZE,
     );
@@ -433,8 +433,8 @@ fn times(run: &Run, figures: &[Published]) -> Vec<Picture> {
     let mut words = String::from("Medians here: ");
     for (experiment, name) in [("iteration_time", "planar"), ("pick_iteration_time", "pick")] {
         let mut panel = Panel::graph(
-            &format!("{name}: share of iterations below a time"),
-            ["log10 of the time [µs]", "share"],
+            &format!("{name}: fraction of iterations below a time"),
+            ["log10 of the time [µs]", "fraction"],
             [low, high],
             SIZE,
         );
@@ -442,9 +442,9 @@ fn times(run: &Run, figures: &[Published]) -> Vec<Picture> {
         for (row, times) in run.timed.iter().filter(|(row, _)| row.experiment == experiment) {
             any = true;
             let points = (0..=100).map(|i| {
-                let share = f64::from(i) / 100.0;
-                let time = quantile(times, share).unwrap_or(f64::NAN);
-                DVec2::new(time.max(0.1).log10(), share)
+                let fraction = f64::from(i) / 100.0;
+                let time = quantile(times, fraction).unwrap_or(f64::NAN);
+                DVec2::new(time.max(0.1).log10(), fraction)
             });
             panel.line(points, &line(colour(&row.policy), 1.6, ""));
             if let Some([median, ..]) = row.iteration_us {

@@ -77,18 +77,18 @@ impl Adaptation {
             let squared = v.dot(v);
             // h = w^(−⅛) as a function of q = |v|², w = 1 + (q/ρ²)⁴.
             let (q, scale) = (squared.value(), 1.0 / (REACH * REACH));
-            let share = q * scale;
-            let (cubed, inside) = (share.powi(3), 1.0 / (1.0 + share.powi(4)));
+            let fraction = q * scale;
+            let (cubed, inside) = (fraction.powi(3), 1.0 / (1.0 + fraction.powi(4)));
             let h = inside.sqrt().sqrt().sqrt();
             let slope = -0.5 * scale * cubed * h * inside;
             let bend = -0.5
                 * scale
                 * scale
-                * share
-                * share
+                * fraction
+                * fraction
                 * h
                 * inside
-                * (3.0 - 4.5 * cubed * share * inside);
+                * (3.0 - 4.5 * cubed * fraction * inside);
             v.times(squared.chain([h, slope, bend]))
         })
     }

@@ -16,7 +16,7 @@
 //! rotation of the frame against its canonical orientation. Where all α before p are 1 and all others
 //! 0, this is the displacement of frame p. Positions need not turn with the frames: a tool that comes
 //! down on an object from above does so wherever the object points.
-//! [`FrameMap::positions_turn`] tells; without it R = I in the line of x_p, while the line of x_q, and
+//! [`FrameMap::rotate_positions`] tells; without it R = I in the line of x_p, while the line of x_q, and
 //! with it the grasp, still turns. Orientation is charted by the full-angle rotation vector y_r at the
 //! canonical goal orientation.
 //!
@@ -40,7 +40,7 @@ use tprmp_spatial::{MovingPose, Pose};
 /// Frames rule at phases that lie at least this far apart: between them space moves with the change of
 /// phase.
 pub const PHASE_DISTANCE_MIN: f64 = 0.05;
-/// Share of the phase between two frames in which one's displacement begins to fade into the other's.
+/// Fraction of the phase between two frames in which one's displacement begins to fade into the other's.
 const RISE: f64 = 0.2;
 
 /// A frame of a skill in canonical coordinates, and when it rules.
@@ -85,7 +85,7 @@ pub struct Mapped {
     pub velocity: DVec3,
     /// ÿ for ẍ = 0 and s̈ = 0.
     pub drift: DVec3,
-    /// ∂y/∂(linear or angular displacement).
+    /// ∂y/∂(linear or angular transforms).
     pub jacobian: DMat3,
     /// ∂y/∂s.
     pub phase_derivative: DVec3,
@@ -99,13 +99,13 @@ pub struct FrameMap {
     goal: Pose,
     /// The goal as seen from the frame that carries it.
     grasp: Pose,
-    positions_turn: bool,
+    rotate_positions: bool,
     adaptation: Option<Adaptation>,
 }
 
 /// The frames as they are now, ready to map with.
 #[derive(Debug, Clone, Copy)]
-pub struct Displacement {
+pub struct FrameTransforms {
     /// x_p.
     images: [Vec3<Jet>; FRAME_CAPACITY],
     /// φ_p.
@@ -141,7 +141,7 @@ pub fn ramp(t: f64, rise: f64) -> [f64; 3] {
 
 /// p(s), c(s) and R(s): how the frames carry the space at a phase, see [`FrameMap::at`].
 #[derive(Debug, Clone, Copy)]
-pub struct Carried<'a, S> {
+pub struct Transported<'a, S> {
     image: Vec3<S>,
     centre: Vec3<S>,
     turn: Quat<S>,
@@ -159,14 +159,14 @@ impl FrameMap {
     /// The map of these anchors in the order of their phases; the last one's frame carries the goal.
     ///
     /// * `goal`  in canonical coordinates, e.g. the grasp; its orientation is q_g
-    /// * `positions_turn`  whether the way to the goal turns with the frames
+    /// * `rotate_positions`  whether the way to the goal turns with the frames
     ///
     /// # Errors
     /// When there are no anchors or too many, or their phases are not in order.
     pub fn new(
         anchors: &[Anchor],
         goal: Pose,
-        positions_turn: bool,
+        rotate_positions: bool,
     ) -> Result<Self, FrameMapError> {
         let count = anchors.len();
         let Some(last) = anchors.last().filter(|_| count <= FRAME_CAPACITY) else {
@@ -181,7 +181,7 @@ impl FrameMap {
         let mut stored = [*last; FRAME_CAPACITY];
         stored[..count].copy_from_slice(anchors);
         let grasp = last.frame.inverse().compose(&goal);
-        Ok(Self { anchors: stored, count, goal, grasp, positions_turn, adaptation: None })
+        Ok(Self { anchors: stored, count, goal, grasp, rotate_positions, adaptation: None })
     }
 
     /// The same map, whose way bends with its goal; it should have two anchors, since what bends does
@@ -218,8 +218,8 @@ impl FrameMap {
 
     /// Whether the way to the goal turns with the frames.
     #[must_use]
-    pub fn positions_turn(&self) -> bool {
-        self.positions_turn
+    pub fn rotate_positions(&self) -> bool {
+        self.rotate_positions
     }
 
     /// How many frames it takes.
@@ -238,57 +238,57 @@ impl FrameMap {
     /// Takes in where the frames are and how they move; `None` when there are too few.
     #[inline]
     #[must_use]
-    pub fn displace(&self, frames: &[MovingPose]) -> Option<Displacement> {
+    pub fn transforms(&self, frames: &[MovingPose]) -> Option<FrameTransforms> {
         if frames.len() < self.frame_count() {
             return None;
         }
         let zero = Vec3::constant(DVec3::ZERO);
-        let mut displacement = Displacement {
+        let mut transforms = FrameTransforms {
             images: [zero; FRAME_CAPACITY],
             twists: [zero; FRAME_CAPACITY],
             rotation: Quat::constant(DQuat::IDENTITY),
             shift: [zero; 2],
         };
-        let mut before = displacement.rotation;
+        let mut before = transforms.rotation;
         for (p, anchor) in self.anchors().iter().enumerate() {
             let frame = &frames[anchor.index];
             let turn = frame.pose.orientation * anchor.frame.orientation.conjugate();
             let arm = turn * (anchor.point - anchor.frame.position);
-            displacement.images[p] = frame.fixed_point(arm);
+            transforms.images[p] = frame.fixed_point(arm);
             let rotation = Quat::moving(turn, frame.velocity.angular, frame.acceleration.angular);
             if p == 0 {
-                displacement.rotation = rotation;
+                transforms.rotation = rotation;
             } else {
-                displacement.twists[p - 1] = rotation.times(before.conjugate()).log();
+                transforms.twists[p - 1] = rotation.times(before.conjugate()).log();
             }
             before = rotation;
         }
         if let Some(adaptation) = &self.adaptation {
-            let shift = self.shift(&displacement, before);
-            displacement.shift = Adaptation::bounded(adaptation.reach, shift);
+            let shift = self.shift(&transforms, before);
+            transforms.shift = Adaptation::bounded(adaptation.reach, shift);
         }
-        Some(displacement)
+        Some(transforms)
     }
 
     /// δ_p, δ_r: displacement and turn of the goal frame against the start frame, seen from the latter.
     ///
     /// * `last`  the rotation of the goal frame
-    fn shift(&self, d: &Displacement, last: Quat<Jet>) -> [Vec3<Jet>; 2] {
+    fn shift(&self, d: &FrameTransforms, last: Quat<Jet>) -> [Vec3<Jet>; 2] {
         let back = d.rotation.conjugate();
         let [from, to] = [0, self.count - 1].map(|p| (d.images[p], self.anchors[p].point));
         let between = to.0.minus(from.0);
-        let between = if self.positions_turn { back.rotate(between) } else { between };
+        let between = if self.rotate_positions { back.rotate(between) } else { between };
         [between.minus(Vec3::constant(to.1 - from.1)), back.times(last).log()]
     }
 
-    /// Displacement \[m\] and turn \[rad\] of the goal frame against the start frame, as they count for
+    /// FrameTransforms \[m\] and turn \[rad\] of the goal frame against the start frame, as they count for
     /// [`Adaptation`]; zero in canonical coordinates. `None` when there are too few frames.
     #[must_use]
     pub fn goal_shift(&self, frames: &[MovingPose]) -> Option<[DVec3; 2]> {
-        let displacement = self.displace(frames)?;
+        let transforms = self.transforms(frames)?;
         let goal = self.anchors[self.count - 1];
         let turn = frames[goal.index].pose.orientation * goal.frame.orientation.conjugate();
-        Some(self.shift(&displacement, Quat::constant(turn)).map(Vec3::value))
+        Some(self.shift(&transforms, Quat::constant(turn)).map(Vec3::value))
     }
 
     /// α_p as a function of the phase.
@@ -303,12 +303,12 @@ impl FrameMap {
     ///
     /// Hot path: no allocation. Input that is not finite gives output that is not finite.
     #[must_use]
-    pub fn at(&self, displacement: &Displacement, phase: f64, rate: f64) -> Carried<'_, Jet> {
-        self.carried(displacement, Jet(phase, rate, 0.0))
+    pub fn at(&self, transforms: &FrameTransforms, phase: f64, rate: f64) -> Transported<'_, Jet> {
+        self.carried(transforms, Jet(phase, rate, 0.0))
     }
 
     #[inline]
-    fn carried<S: Real + FromJet>(&self, d: &Displacement, phase: S) -> Carried<'_, S> {
+    fn carried<S: Real + FromJet>(&self, d: &FrameTransforms, phase: S) -> Transported<'_, S> {
         let mut image = S::vector(d.images[0]);
         let mut centre = Vec3::constant(self.anchors[0].point);
         let mut turn = S::quaternion(d.rotation);
@@ -328,12 +328,12 @@ impl FrameMap {
             rates[2] = twist.value() * slope + further.value() * rates[2];
         }
         let back = turn.conjugate();
-        Carried {
+        Transported {
             image,
             centre,
             turn,
             rates,
-            positions_back: self.positions_turn.then_some(back),
+            positions_back: self.rotate_positions.then_some(back),
             to_goal: back.times_constant_left(self.goal.orientation.conjugate()),
             adaptation: self.adaptation.as_ref().map(|a| (a, d.shift.map(S::vector), phase)),
         }
@@ -341,32 +341,32 @@ impl FrameMap {
 
     /// Where a canonical point lies in the world at a phase.
     #[must_use]
-    pub fn forward(&self, displacement: &Displacement, phase: f64, y: &Canonical) -> Pose {
-        let carried = self.carried::<f64>(displacement, phase);
-        let [(bend_p, _), (bend_r, _)] = [0, 3].map(|first| carried.bend(first));
-        let arm = Vec3(y.position.to_array()).plus(bend_p).minus(carried.centre);
-        let arm = if self.positions_turn { carried.turn.rotate(arm) } else { arm };
-        let orientation = carried.turn.value() * self.goal.orientation;
+    pub fn forward(&self, transforms: &FrameTransforms, phase: f64, y: &Canonical) -> Pose {
+        let transported = self.carried::<f64>(transforms, phase);
+        let [(bend_p, _), (bend_r, _)] = [0, 3].map(|first| transported.bend(first));
+        let arm = Vec3(y.position.to_array()).plus(bend_p).minus(transported.centre);
+        let arm = if self.rotate_positions { transported.turn.rotate(arm) } else { arm };
+        let orientation = transported.turn.value() * self.goal.orientation;
         Pose {
-            position: carried.image.plus(arm).value(),
+            position: transported.image.plus(arm).value(),
             orientation: orientation * DQuat::from_scaled_axis(y.rotation + bend_r.value()),
         }
     }
 
     /// The canonical point of a pose in the world at a phase.
     #[must_use]
-    pub fn inverse(&self, displacement: &Displacement, phase: f64, pose: &Pose) -> Canonical {
-        let carried = self.carried::<f64>(displacement, phase);
-        let position = carried.canonical_position(Vec3(pose.position.to_array()));
-        let rotation = carried.canonical_rotation(Quat::constant(pose.orientation));
+    pub fn inverse(&self, transforms: &FrameTransforms, phase: f64, pose: &Pose) -> Canonical {
+        let transported = self.carried::<f64>(transforms, phase);
+        let position = transported.canonical_position(Vec3(pose.position.to_array()));
+        let rotation = transported.canonical_rotation(Quat::constant(pose.orientation));
         Canonical {
-            position: position.minus(carried.bend(0).0).value(),
-            rotation: rotation.minus(carried.bend(3).0).value(),
+            position: position.minus(transported.bend(0).0).value(),
+            rotation: rotation.minus(transported.bend(3).0).value(),
         }
     }
 }
 
-impl<S: Real> Carried<'_, S> {
+impl<S: Real> Transported<'_, S> {
     /// Three rows of E(s) u, and of its derivative by the phase.
     #[inline]
     fn bend(&self, first: usize) -> (Vec3<S>, DVec3) {
@@ -389,7 +389,7 @@ impl<S: Real> Carried<'_, S> {
 }
 
 /// With x the position or the orientation: ẏ = J ẋ + ∂y/∂s ṡ + ∂y/∂t and ÿ = J ẍ + ∂y/∂s s̈ + drift.
-impl Carried<'_, Jet> {
+impl Transported<'_, Jet> {
     /// Maps a moving position.
     ///
     /// * `position`, `linear`  in the world \[m, m/s\]
@@ -467,6 +467,7 @@ impl FromJet for f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tprmp_spatial::{SpatialAcceleration, Twist};
 
     fn pose(position: [f64; 3], rotation: [f64; 3]) -> Pose {
         Pose { position: position.into(), orientation: DQuat::from_scaled_axis(rotation.into()) }
@@ -518,10 +519,14 @@ mod tests {
                     + DVec3::new(0.15 * (speed * t).sin(), 0.1 * t * t, -0.2 * speed * t),
                 orientation: DQuat::from_rotation_z(spin) * DQuat::from_rotation_x(0.2 * speed),
             },
-            linear_velocity: DVec3::new(0.15 * speed * (speed * t).cos(), 0.2 * t, -0.2 * speed),
-            angular_velocity: DVec3::Z * (speed + 0.2 * t),
-            linear_acceleration: DVec3::new(-0.15 * speed * speed * (speed * t).sin(), 0.2, 0.0),
-            angular_acceleration: DVec3::Z * 0.2,
+            velocity: Twist {
+                linear: DVec3::new(0.15 * speed * (speed * t).cos(), 0.2 * t, -0.2 * speed),
+                angular: DVec3::Z * (speed + 0.2 * t),
+            },
+            acceleration: SpatialAcceleration {
+                linear: DVec3::new(-0.15 * speed * speed * (speed * t).sin(), 0.2, 0.0),
+                angular: DVec3::Z * 0.2,
+            },
         }
     }
 
@@ -578,12 +583,12 @@ mod tests {
                 let anchor = anchors().into_iter().find(|anchor| anchor.index == index).unwrap();
                 MovingPose::at_rest(anchor.frame)
             });
-            let d = map.displace(&still).unwrap();
+            let d = map.transforms(&still).unwrap();
             for (y, phase) in points().zip(phases()) {
                 assert!((map.forward(&d, phase, &y).position - y.position).length() < 1e-14);
             }
             let moved = frames(0.3);
-            let d = map.displace(&moved).unwrap();
+            let d = map.transforms(&moved).unwrap();
             for anchor in map.anchors() {
                 let y = Canonical { position: anchor.point, rotation: DVec3::ZERO };
                 let image = map.forward(&d, anchor.phase, &y);
@@ -606,7 +611,7 @@ mod tests {
         let map = FrameMap::new(&anchors()[2..], goal(), true).unwrap();
         assert_eq!(map.frame_count(), 2);
         let moved = frames(0.3);
-        let d = map.displace(&moved).unwrap();
+        let d = map.transforms(&moved).unwrap();
         for (y, phase) in points().zip(phases()) {
             let expected = moved[1]
                 .pose
@@ -620,7 +625,7 @@ mod tests {
     #[test]
     fn inverse_undoes_forward_at_any_phase() {
         for map in maps() {
-            let d = map.displace(&frames(0.5)).unwrap();
+            let d = map.transforms(&frames(0.5)).unwrap();
             for (y, phase) in points().zip(phases()) {
                 let back = map.inverse(&d, phase, &map.forward(&d, phase, &y));
                 assert!((back.position - y.position).length() < 1e-12);
@@ -647,7 +652,7 @@ mod tests {
                         position: y.position + rate.position * t,
                         rotation: y.rotation + rate.rotation * t,
                     };
-                    let d = map.displace(&frames(t0 + t)).unwrap();
+                    let d = map.transforms(&frames(t0 + t)).unwrap();
                     map.forward(&d, phase + phase_rate * t, &moved)
                 };
                 let h = 1e-4;
@@ -658,10 +663,10 @@ mod tests {
                     (after.position - 2.0 * now.position + before.position) / (h * h);
                 let angular_acceleration =
                     (after.rotation_from(&now) - now.rotation_from(&before)) / (h * h);
-                let d = map.displace(&frames(t0)).unwrap();
-                let carried = map.at(&d, phase, phase_rate);
-                let position = carried.position(now.position, linear);
-                let rotation = carried.rotation(now.orientation, angular);
+                let d = map.transforms(&frames(t0)).unwrap();
+                let transported = map.at(&d, phase, phase_rate);
+                let position = transported.position(now.position, linear);
+                let rotation = transported.rotation(now.orientation, angular);
                 let velocity_error = (position.velocity - rate.position).length()
                     + (rotation.velocity - rate.rotation).length();
                 assert!(velocity_error < 5e-6, "{velocity_error:e}");
@@ -707,7 +712,7 @@ mod tests {
         let late = Anchor { phase: f64::NAN, ..way };
         assert_eq!(map(&[start, late]).unwrap_err(), FrameMapError::PhasesTooClose(1));
         let three = map(&[start, way, goal_frame]).unwrap();
-        assert!(three.displace(&frames(0.0)[..2]).is_none());
+        assert!(three.transforms(&frames(0.0)[..2]).is_none());
         assert_eq!(three.frame_count(), 3);
     }
 }

@@ -18,7 +18,7 @@ use nalgebra::{Matrix6, SVector, Vector6};
 
 use crate::natural::Natural;
 use crate::policy::canonical::field::Field;
-use crate::policy::canonical::frame_map::{Displacement, FrameMap, Mapped};
+use crate::policy::canonical::frame_map::{FrameMap, FrameTransforms, Mapped};
 use tprmp_spatial::rotation::rotation_vector;
 use tprmp_spatial::{MovingPose, Pose};
 
@@ -29,11 +29,11 @@ pub const PHASE_RATE_MAX_1_S: f64 = 50.0;
 /// Phases that are compared to find the one to start with.
 const PHASES_COMPARED: usize = 97;
 /// A pose is at the start when it lies so much farther from it than from the nearest phase at most, as
-/// a share of the distance that does not tell.
+/// a fraction of the distance that does not tell.
 const AT_START: f64 = 0.25;
 /// Sections between neighbours of the best one: to 1e-8, the root of the precision.
 const SECTIONS: usize = 30;
-/// Share of the golden section.
+/// Fraction of the golden section.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
 /// The field of the position: in the plane z = const, or in space; the phase is its last coordinate.
@@ -69,7 +69,7 @@ pub struct SkillInertia {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Phase {
     /// s: 0 at the start, 1 at the goal.
-    pub share: f64,
+    pub value: f64,
     /// ṡ \[1/s\].
     pub rate_1_s: f64,
 }
@@ -102,11 +102,11 @@ impl Phase {
         let acceleration = if own < response.least { response.least } else { own };
         let rate =
             (self.rate_1_s + acceleration * dt_s).clamp(-PHASE_RATE_MAX_1_S, PHASE_RATE_MAX_1_S);
-        let share = self.share + rate * dt_s;
-        if share.is_finite() {
+        let value = self.value + rate * dt_s;
+        if value.is_finite() {
             let [low, high] = PHASE_RANGE;
-            self.share = share.clamp(low, high);
-            self.rate_1_s = if self.share == share { rate } else { 0.0 };
+            self.value = value.clamp(low, high);
+            self.rate_1_s = if self.value == value { rate } else { 0.0 };
         }
     }
 }
@@ -160,7 +160,7 @@ impl Block {
             SVector::<f64, N>::from_fn(|i, _| if i + 1 < N { v[i] } else { last })
         };
         let velocity = lifted(mapped.velocity, phase.rate_1_s);
-        let value = field.evaluate(&lifted(mapped.point, phase.share), &velocity);
+        let value = field.evaluate(&lifted(mapped.point, phase.value), &velocity);
         let (force, metric) = (value.force(&velocity), &value.metric);
         let vector = |entry: &dyn Fn(usize) -> f64| {
             DVec3::new(entry(0), entry(1), if N > 3 { entry(2) } else { 0.0 })
@@ -229,8 +229,8 @@ impl Skill {
     /// Takes in where the frames are and how they move; `None` when there are too few.
     #[inline]
     #[must_use]
-    pub fn displace(&self, frames: &[MovingPose]) -> Option<Displacement> {
-        self.map.displace(frames)
+    pub fn transforms(&self, frames: &[MovingPose]) -> Option<FrameTransforms> {
+        self.map.transforms(frames)
     }
 
     /// Evaluates the skill for a moving pose, at a phase.
@@ -243,20 +243,20 @@ impl Skill {
     pub fn evaluate(
         &self,
         inertia: &SkillInertia,
-        displacement: &Displacement,
+        transforms: &FrameTransforms,
         pose: &Pose,
         linear: DVec3,
         angular: DVec3,
         phase: &Phase,
     ) -> SkillValue {
-        let carried = self.map.at(displacement, phase.share, phase.rate_1_s);
-        let mapped = carried.position(pose.position, linear);
+        let transported = self.map.at(transforms, phase.value, phase.rate_1_s);
+        let mapped = transported.position(pose.position, linear);
         let position = match &self.position {
             PositionField::Plane(field) => Block::new(field, inertia.linear_kg, phase, &mapped),
             PositionField::Space(field) => Block::new(field, inertia.linear_kg, phase, &mapped),
         };
         let rotation = self.orientation.as_ref().map_or(Block::NONE, |field| {
-            let mapped = carried.rotation(pose.orientation, angular);
+            let mapped = transported.rotation(pose.orientation, angular);
             Block::new(field, inertia.angular_kg_m2, phase, &mapped)
         });
         without_phase(&position, &rotation)
@@ -271,17 +271,17 @@ impl Skill {
     pub fn nearest_phase(
         &self,
         inertia: &SkillInertia,
-        displacement: &Displacement,
+        transforms: &FrameTransforms,
         pose: &Pose,
     ) -> Phase {
         let far = self.home(inertia).sqrt();
-        let from_start = self.distance_from_start(inertia, displacement, pose).map(f64::sqrt);
-        let start = Phase { share: 0.0, rate_1_s: 0.0 };
+        let from_start = self.distance_from_start(inertia, transforms, pose).map(f64::sqrt);
+        let start = Phase { value: 0.0, rate_1_s: 0.0 };
         // Whatever is nearest: the others need not be compared.
         if from_start.is_some_and(|d| d <= AT_START * far) {
             return start;
         }
-        let distance = |phase: f64| self.distance(inertia, displacement, pose, phase);
+        let distance = |phase: f64| self.distance(inertia, transforms, pose, phase);
         let step = 1.0 / (PHASES_COMPARED - 1) as f64;
         let mut distances = [0.0; PHASES_COMPARED];
         for (i, entry) in distances.iter_mut().enumerate() {
@@ -314,17 +314,17 @@ impl Skill {
                 (a, b) = (b, distance(outer(low, high)));
             }
         }
-        Phase { share: 0.5 * (low + high), rate_1_s: 0.0 }
+        Phase { value: 0.5 * (low + high), rate_1_s: 0.0 }
     }
 
     fn distance(
         &self,
         inertia: &SkillInertia,
-        displacement: &Displacement,
+        transforms: &FrameTransforms,
         pose: &Pose,
         phase: f64,
     ) -> f64 {
-        let y = self.map.inverse(displacement, phase, pose);
+        let y = self.map.inverse(transforms, phase, pose);
         let (p, r) = (y.position, y.rotation);
         let mut distance = inertia.linear_kg
             * match &self.position {
@@ -347,11 +347,11 @@ impl Skill {
     fn distance_from_start(
         &self,
         inertia: &SkillInertia,
-        displacement: &Displacement,
+        transforms: &FrameTransforms,
         pose: &Pose,
     ) -> Option<f64> {
         let [start, _, ..] = self.map.anchors() else { return None };
-        let y = self.map.inverse(displacement, 0.0, pose);
+        let y = self.map.inverse(transforms, 0.0, pose);
         let p = y.position - start.point;
         let mut distance = inertia.linear_kg
             * match &self.position {
@@ -369,12 +369,12 @@ impl Skill {
         Some(distance)
     }
 
-    /// The acceleration with which the phase goes on at `share` of its own pull, as if the tool lay in
-    /// the valley: s̈ = −share U′/M_ss − d ṡ \[1/s²\]. −∞ where there is no valley.
+    /// The acceleration with which the phase goes on at `fraction` of its own pull, as if the tool lay in
+    /// the valley: s̈ = −fraction U′/M_ss − d ṡ \[1/s²\]. −∞ where there is no valley.
     ///
     /// Where an obstacle holds the tool back, the valley's pull on the tool holds the phase back too:
     /// what is wanted would wait in the obstacle for good, and the tool go round it for ever.
-    pub(crate) fn pull(&self, inertia: &SkillInertia, phase: &Phase, share: f64) -> f64 {
+    pub(crate) fn pull(&self, inertia: &SkillInertia, phase: &Phase, fraction: f64) -> f64 {
         fn of<const N: usize>(field: &Field<N>, phase: f64) -> Option<[f64; 3]> {
             let slope = field.valley(phase)?.slope;
             let mut along = SVector::zeros();
@@ -383,27 +383,27 @@ impl Skill {
             Some([slope, mass, mass * field.damping_1_s()])
         }
         let position = match &self.position {
-            PositionField::Plane(field) => of(field, phase.share),
-            PositionField::Space(field) => of(field, phase.share),
+            PositionField::Plane(field) => of(field, phase.value),
+            PositionField::Space(field) => of(field, phase.value),
         };
         let orientation = match &self.orientation {
-            Some(field) => of(field, phase.share),
+            Some(field) => of(field, phase.value),
             None => Some([0.0; 3]),
         };
         let (Some(p), Some(r)) = (position, orientation) else { return f64::NEG_INFINITY };
         let [slope, mass, damping] =
             [0, 1, 2].map(|i| inertia.linear_kg * p[i] + inertia.angular_kg_m2 * r[i]);
-        let pull = (-share * slope - damping * phase.rate_1_s) / mass;
+        let pull = (-fraction * slope - damping * phase.rate_1_s) / mass;
         if pull.is_finite() { pull } else { f64::NEG_INFINITY }
     }
 
-    /// A difference of distances that does not tell: that of half a component's share of the way.
+    /// A difference of distances that does not tell: that of half a component's fraction of the way.
     fn home(&self, inertia: &SkillInertia) -> f64 {
         fn of<const N: usize>(field: &Field<N>) -> f64 {
             let components = field.components();
             let goal = components[components.len() - 1].metric[(N - 1, N - 1)];
-            let share = 0.5 / components.len() as f64;
-            0.5 * goal * share * share
+            let fraction = 0.5 / components.len() as f64;
+            0.5 * goal * fraction * fraction
         }
         let mut home = inertia.linear_kg
             * match &self.position {
@@ -540,10 +540,10 @@ mod tests {
             |t| {
                 let (s, c) = (omega * t).sin_cos();
                 let mut goal = at([0.5 + 0.15 * c, -0.25 + 0.15 * s, 0.03], 0.4 * (0.5 * t).sin());
-                goal.linear_velocity = DVec3::new(-s, c, 0.0) * (0.15 * omega);
-                goal.linear_acceleration = DVec3::new(-c, -s, 0.0) * (0.15 * omega * omega);
-                goal.angular_velocity = DVec3::Z * (0.2 * (0.5 * t).cos());
-                goal.angular_acceleration = DVec3::Z * (-0.1 * (0.5 * t).sin());
+                goal.velocity.linear = DVec3::new(-s, c, 0.0) * (0.15 * omega);
+                goal.acceleration.linear = DVec3::new(-c, -s, 0.0) * (0.15 * omega * omega);
+                goal.velocity.angular = DVec3::Z * (0.2 * (0.5 * t).cos());
+                goal.acceleration.angular = DVec3::Z * (-0.1 * (0.5 * t).sin());
                 [at([0.4, 0.1, 0.3], 0.1), goal]
             },
             14.0,
@@ -557,34 +557,34 @@ mod tests {
     #[test]
     fn eliminating_the_phase_changes_nothing_but_hides_it() {
         let skill = skill();
-        let d = skill.displace(&[at([0.37, 0.2, 0.33], 0.4), at([0.58, -0.2, 0.08], -0.7)]);
+        let d = skill.transforms(&[at([0.37, 0.2, 0.33], 0.4), at([0.58, -0.2, 0.08], -0.7)]);
         let d = d.unwrap();
         let pose = Pose {
             position: DVec3::new(0.45, -0.05, 0.2),
             orientation: DQuat::from_scaled_axis(DVec3::new(2.5, 0.3, 0.4)),
         };
-        let phase = Phase { share: 0.4, rate_1_s: 0.3 };
+        let phase = Phase { value: 0.4, rate_1_s: 0.3 };
         let value = skill.evaluate(&INERTIA, &d, &pose, DVec3::X, DVec3::Y, &phase);
         let metric = value.natural.metric;
         assert!((metric - metric.transpose()).norm() < 1e-12);
         assert!(metric.cholesky().is_some());
 
         // The same from the form of pose and phase together, with all zeros written out.
-        let carried = skill.map.at(&d, 0.4, 0.3);
+        let transported = skill.map.at(&d, 0.4, 0.3);
         let PositionField::Space(position) = &skill.position else { panic!("in space") };
         let blocks = [
-            (position, INERTIA.linear_kg, carried.position(pose.position, DVec3::X)),
+            (position, INERTIA.linear_kg, transported.position(pose.position, DVec3::X)),
             (
                 skill.orientation.as_ref().unwrap(),
                 INERTIA.angular_kg_m2,
-                carried.rotation(pose.orientation, DVec3::Y),
+                transported.rotation(pose.orientation, DVec3::Y),
             ),
         ];
         let (mut joint, mut energy) = (Natural::<7>::zero(), 0.0);
         for (k, (field, scale, mapped)) in blocks.into_iter().enumerate() {
             let lifted = |v: DVec3, last: f64| Vector4::new(v.x, v.y, v.z, last);
             let rate = lifted(mapped.velocity, phase.rate_1_s);
-            let value = field.evaluate(&lifted(mapped.point, phase.share), &rate);
+            let value = field.evaluate(&lifted(mapped.point, phase.value), &rate);
             let leaf = Natural { force: value.force(&rate) * scale, metric: value.metric * scale };
             let mut rows = SMatrix::<f64, 4, 7>::zeros();
             for i in 0..3 {
@@ -608,7 +608,7 @@ mod tests {
     fn the_phase_waits_for_a_tool_that_is_held_and_finds_one_that_is_set_down() {
         let skill = skill();
         let frames = [skill.map.anchors()[0].frame, skill.map.goal_frame()];
-        let d = skill.displace(&frames.map(MovingPose::at_rest)).unwrap();
+        let d = skill.transforms(&frames.map(MovingPose::at_rest)).unwrap();
         let on_the_way = |s: f64| {
             let (start, goal) = (skill.map.anchors()[0].point, skill.map.goal());
             let r = DVec3::new(-0.6, 0.2, 0.1) * (1.0 - s);
@@ -619,7 +619,7 @@ mod tests {
         };
         for s in [0.0, 0.3, 0.62, 1.0] {
             let phase = skill.nearest_phase(&INERTIA, &d, &on_the_way(s));
-            assert!((phase.share - s).abs() < 0.05, "{s} {}", phase.share);
+            assert!((phase.value - s).abs() < 0.05, "{s} {}", phase.value);
             assert_eq!(phase.rate_1_s, 0.0);
         }
         let pose = on_the_way(0.5);
@@ -628,7 +628,7 @@ mod tests {
             let value = skill.evaluate(&INERTIA, &d, &pose, DVec3::ZERO, DVec3::ZERO, &phase);
             phase.advance(&value.phase, DVec3::ZERO, DVec3::ZERO, 1e-3);
         }
-        assert!((0.5..0.98).contains(&phase.share) && phase.rate_1_s.abs() < 1e-6, "{phase:?}");
+        assert!((0.5..0.98).contains(&phase.value) && phase.rate_1_s.abs() < 1e-6, "{phase:?}");
     }
 
     #[test]
@@ -641,18 +641,18 @@ mod tests {
             orientation: skill.map.goal().orientation,
         };
         let policy = Policy::Canonical(skill);
-        let share_after = |pressing: f64| {
+        let value_after = |obstructed_fraction: f64| {
             let mut state = PolicyState::default();
             for _ in 0..40_000 {
                 let value =
                     policy.evaluate(&INERTIA, &frames, &pose, DVec3::ZERO, DVec3::ZERO, &mut state);
-                state.press(pressing);
+                state.set_obstructed(obstructed_fraction);
                 state.advance(&value, DVec3::ZERO, DVec3::ZERO, 1e-3);
             }
-            state.phase().unwrap().share
+            state.phase().unwrap().value
         };
-        let (held, pressing) = (share_after(0.0), share_after(0.5));
-        assert!(held < 0.9 && pressing > 0.97, "{held} {pressing}");
+        let (held, obstructed) = (value_after(0.0), value_after(0.5));
+        assert!(held < 0.9 && obstructed > 0.97, "{held} {obstructed}");
     }
 
     #[test]
@@ -661,14 +661,14 @@ mod tests {
             let least = f64::NEG_INFINITY;
             PhaseResponse { free, coupling: Vector6::repeat(1.0), least }
         };
-        let mut phase = Phase { share: 0.2, rate_1_s: 0.1 };
+        let mut phase = Phase { value: 0.2, rate_1_s: 0.1 };
         phase.advance(&response(f64::NAN), DVec3::ZERO, DVec3::ZERO, 1e-3);
         phase.advance(&response(0.0), DVec3::NAN, DVec3::ZERO, 1e-3);
-        assert_eq!(phase, Phase { share: 0.2, rate_1_s: 0.1 });
+        assert_eq!(phase, Phase { value: 0.2, rate_1_s: 0.1 });
         for _ in 0..100 {
             phase.advance(&response(1e9), DVec3::ZERO, DVec3::ZERO, 1e-2);
         }
-        assert_eq!(phase, Phase { share: PHASE_RANGE[1], rate_1_s: 0.0 });
+        assert_eq!(phase, Phase { value: PHASE_RANGE[1], rate_1_s: 0.0 });
         phase.advance(&response(f64::NEG_INFINITY), DVec3::ZERO, DVec3::ZERO, 1e-3);
         assert_eq!(phase.rate_1_s, -PHASE_RATE_MAX_1_S);
     }
@@ -686,8 +686,8 @@ mod tests {
         skill.position = PositionField::Plane(Box::new(Field::new(&[plane], 0.1, 8.0).unwrap()));
         skill.orientation = None;
         let frames = [skill.map.anchors()[0].frame, skill.map.goal_frame()];
-        let d = skill.displace(&frames.map(MovingPose::at_rest)).unwrap();
-        let phase = Phase { share: 0.1, rate_1_s: 0.0 };
+        let d = skill.transforms(&frames.map(MovingPose::at_rest)).unwrap();
+        let phase = Phase { value: 0.1, rate_1_s: 0.0 };
         let value = skill.evaluate(&INERTIA, &d, &frames[0], DVec3::X, DVec3::ZERO, &phase);
         assert!(value.natural.force.fixed_rows::<3>(3).norm() == 0.0);
         assert!(value.natural.metric.fixed_view::<3, 3>(3, 3).norm() == 0.0);

@@ -119,7 +119,7 @@ fn store<L: Lanes, const N: usize>(lanes: &[L; N], values: &mut [Quad; N]) {
 /// arctan(x)/x as a function of x² for |x| ≤ 7/16, to a unit in the last place: coefficients of
 /// fdlibm's `s_atan.c`.
 #[inline(always)]
-fn arc_tangent_share<L: Lanes>(squared: L) -> L {
+fn arc_tangent_fraction<L: Lanes>(squared: L) -> L {
     const COEFFICIENTS: [f64; 11] = [
         3.333_333_333_333_293e-1,
         -1.999_999_999_987_648_3e-1,
@@ -149,7 +149,7 @@ struct Turn<L> {
     /// The rotation vector r = n θ \[rad\].
     vector: Vector<L>,
     /// k = sin(θ/2)/θ.
-    half_sine_share: L,
+    half_sine_fraction: L,
 }
 
 impl<L: Lanes> Turn<L> {
@@ -164,13 +164,13 @@ impl<L: Lanes> Turn<L> {
         // n tan θ/8 = u/(1 + √(1 + |u|²)), whose length is at most √2 − 1.
         let denominator = one + (one + squared).sqrt();
         let eighth = one / denominator;
-        let share = arc_tangent_share(squared * eighth * eighth);
-        let length = L::splat(8.0) * eighth * share;
+        let fraction = arc_tangent_fraction(squared * eighth * eighth);
+        let length = L::splat(8.0) * eighth * fraction;
         Self {
             quarter,
             squared,
             vector: [quarter[0] * length, quarter[1] * length, quarter[2] * length],
-            half_sine_share: denominator / (L::splat(4.0) * (one + squared) * share),
+            half_sine_fraction: denominator / (L::splat(4.0) * (one + squared) * fraction),
         }
     }
 
@@ -187,14 +187,14 @@ impl<L: Lanes> Turn<L> {
     fn right_jacobian(&self) -> (Matrix<L>, L) {
         // With a = (1 − cos θ)/θ² and b = (θ − sin θ)/θ³: J_r = I − a \[r\]ₓ + b \[r\]ₓ², det J_r = 2a.
         let one = L::splat(1.0);
-        let k = self.half_sine_share;
+        let k = self.half_sine_fraction;
         let a = L::splat(2.0) * k * k;
         // sin θ/θ = 1 − b θ². Where θ² is lost in rounding b does not matter, but has to be finite.
         let cosine = (one - self.squared) / (one + self.squared);
-        let sine_share = L::splat(2.0) * cosine * k;
+        let sine_fraction = L::splat(2.0) * cosine * k;
         let angle_squared = dot(&self.vector, &self.vector).at_least(1e-200);
-        let b = (one - sine_share) / angle_squared;
-        (self.series(sine_share, -a, b, &self.vector), a + a)
+        let b = (one - sine_fraction) / angle_squared;
+        (self.series(sine_fraction, -a, b, &self.vector), a + a)
     }
 
     /// α I + β \[v\]ₓ + γ v vᵀ

@@ -438,26 +438,26 @@ mod tests {
     /// A path of Gaussians from the first frame's origin to the second one's, precise at the start in
     /// the first frame and at the end in the second.
     fn skill<const D: usize>() -> ProductSkill<D> {
-        let gaussian = |share: f64, origin: DVec3, weight: f64| {
+        let gaussian = |fraction: f64, origin: DVec3, weight: f64| {
             let mean = Pose {
-                position: DVec3::new(0.4, -0.3, 0.2) * share + origin,
-                orientation: turned([0.1, 0.2 - 0.6 * share, 0.5 * share]),
+                position: DVec3::new(0.4, -0.3, 0.2) * fraction + origin,
+                orientation: turned([0.1, 0.2 - 0.6 * fraction, 0.5 * fraction]),
             };
             let root = SMatrix::<f64, D, D>::from_fn(|i, j| {
-                ((i * 7 + j * 3) as f64 + 5.0 * share).sin() + if i == j { 2.0 } else { 0.0 }
+                ((i * 7 + j * 3) as f64 + 5.0 * fraction).sin() + if i == j { 2.0 } else { 0.0 }
             });
             PoseGaussian { mean, precision: root * root.transpose() * (20.0 * weight) }
         };
         let component = |k: usize| {
-            let share = k as f64 / (COMPONENTS - 1) as f64;
+            let fraction = k as f64 / (COMPONENTS - 1) as f64;
             let from_goal = DVec3::new(-0.4, 0.3, -0.2);
             ProductComponent {
                 gaussians: Box::new([
-                    gaussian(share, DVec3::ZERO, 1.2 - share),
-                    gaussian(share, from_goal, 0.2 + share),
+                    gaussian(fraction, DVec3::ZERO, 1.2 - fraction),
+                    gaussian(fraction, from_goal, 0.2 + fraction),
                 ]),
-                potential: 12.0 * (1.0 - share),
-                damping: 15.0 + 10.0 * share,
+                potential: 12.0 * (1.0 - fraction),
+                damping: 15.0 + 10.0 * fraction,
             }
         };
         ProductSkill::new((0..COMPONENTS).map(component).collect(), SCALE, THRESHOLD).unwrap()
@@ -565,20 +565,19 @@ mod tests {
     /// Moving frames and tool turns the acceleration and moves the goal.
     fn is_equivariant<const D: usize>(
         (pose, velocity): &(Pose, [DVec3; 2]),
-        displacement: &Pose,
+        transforms: &Pose,
     ) -> bool {
         let skill = skill::<D>();
-        let turn = displacement.orientation;
+        let turn = transforms.orientation;
         let velocity = if D < 3 { velocity.map(|v| DVec3::new(v.x, v.y, 0.0)) } else { *velocity };
-        let moved = frames().map(|f| MovingPose::at_rest(displacement.compose(&f.pose)));
+        let moved = frames().map(|f| MovingPose::at_rest(transforms.compose(&f.pose)));
         let here = evaluate(&skill, &frames(), pose, velocity);
-        let there =
-            evaluate(&skill, &moved, &displacement.compose(pose), velocity.map(|v| turn * v));
+        let there = evaluate(&skill, &moved, &transforms.compose(pose), velocity.map(|v| turn * v));
         let (a, b) = (acceleration::<D>(&here.natural), acceleration::<D>(&there.natural));
         let (mut state, mut moved_state) = (ProductState::new(), ProductState::new());
         skill.update(&frames(), &mut state);
         skill.update(&moved, &mut moved_state);
-        let (goal, image) = (displacement.compose(&state.goal()), moved_state.goal());
+        let (goal, image) = (transforms.compose(&state.goal()), moved_state.goal());
         let error = (turn * a[0] - b[0]).length() + (turn * a[1] - b[1]).length();
         error < 1e-8 * (1.0 + a[0].length() + a[1].length())
             && (here.energy - there.energy).abs() < 1e-9 * (1.0 + here.energy)
@@ -608,15 +607,15 @@ mod tests {
         fn it_moves_with_the_frames(
             motion in motion(), shift in vector(2.0), turn in vector(1.8), yaw in -3.0..3.0,
         ) {
-            let displacement =
+            let transforms =
                 Pose { position: shift, orientation: DQuat::from_scaled_axis(turn) };
             let plane = Pose {
                 position: DVec3::new(shift.x, shift.y, 0.0),
                 orientation: DQuat::from_rotation_z(yaw),
             };
             prop_assert!(is_equivariant::<2>(&motion, &plane));
-            prop_assert!(is_equivariant::<3>(&motion, &displacement));
-            prop_assert!(is_equivariant::<6>(&motion, &displacement));
+            prop_assert!(is_equivariant::<3>(&motion, &transforms));
+            prop_assert!(is_equivariant::<6>(&motion, &transforms));
         }
 
         #[test]

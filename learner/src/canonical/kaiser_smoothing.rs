@@ -12,11 +12,15 @@ use glam::DVec3;
 use tprmp_spatial::Pose;
 
 use crate::canonical::orientation::mean_orientation;
-use crate::skill::RunningMean;
+use crate::skill::KaiserSmoothing;
 
 /// Smooths poses that are `sampling_time_s` apart.
 #[must_use]
-pub fn running_mean(poses: &[Pose], sampling_time_s: f64, settings: RunningMean) -> Vec<Pose> {
+pub fn kaiser_smoothing(
+    poses: &[Pose],
+    sampling_time_s: f64,
+    settings: KaiserSmoothing,
+) -> Vec<Pose> {
     let most = poses.len().max(1) as f64;
     let half = (0.5 * settings.window_s / sampling_time_s).round().clamp(1.0, most) as usize;
     let window = kaiser(2 * half, settings.shape);
@@ -63,7 +67,7 @@ mod tests {
     use super::*;
     use glam::DQuat;
 
-    const SETTINGS: RunningMean = RunningMean { window_s: 0.3, shape: 14.0 };
+    const SETTINGS: KaiserSmoothing = KaiserSmoothing { window_s: 0.3, shape: 14.0 };
 
     fn at(x: f64, angle: f64) -> Pose {
         Pose { position: DVec3::new(x, -x, 0.0), orientation: DQuat::from_rotation_z(angle) }
@@ -91,22 +95,22 @@ mod tests {
     fn any_window_is_cut_to_the_poses() {
         let some: Vec<Pose> = (0..20).map(|i| at(0.1 * f64::from(i), 0.0)).collect();
         for (window_s, dt) in [(1e9, 0.01), (0.3, 1e-200), (1e-9, 0.01), (0.3, 1e9)] {
-            let smooth = running_mean(&some, dt, RunningMean { window_s, shape: 14.0 });
+            let smooth = kaiser_smoothing(&some, dt, KaiserSmoothing { window_s, shape: 14.0 });
             assert!(smooth.iter().all(|pose| pose.position.is_finite()), "{window_s} {dt}");
         }
-        assert!(running_mean(&[], 0.01, SETTINGS).is_empty());
+        assert!(kaiser_smoothing(&[], 0.01, SETTINGS).is_empty());
     }
 
     #[test]
     fn rest_stays_and_noise_shrinks() {
         let still = vec![at(0.7, 0.3); 40];
-        for pose in running_mean(&still, 0.01, SETTINGS) {
+        for pose in kaiser_smoothing(&still, 0.01, SETTINGS) {
             assert!((pose.position - still[0].position).length() < 1e-12);
             assert!(pose.rotation_from(&still[0]).length() < 1e-12);
         }
         let noisy: Vec<Pose> =
             (0..60).map(|i| at(if i % 2 == 0 { 0.01 } else { -0.01 }, 0.0)).collect();
-        let smooth = running_mean(&noisy, 0.01, SETTINGS);
+        let smooth = kaiser_smoothing(&noisy, 0.01, SETTINGS);
         assert!(smooth[20..40].iter().all(|pose| pose.position.length() < 0.002));
     }
 
@@ -114,7 +118,7 @@ mod tests {
     fn motion_at_constant_speed_lags_by_less_than_half_the_window() {
         let moving: Vec<Pose> =
             (0..200).map(|i| at(0.01 * f64::from(i), 0.005 * f64::from(i))).collect();
-        let smooth = running_mean(&moving, 0.01, SETTINGS);
+        let smooth = kaiser_smoothing(&moving, 0.01, SETTINGS);
         for (pose, raw) in smooth.iter().zip(&moving).take(170).skip(30) {
             let lag = raw.position.x - pose.position.x;
             assert!((0.0..0.15).contains(&lag), "{lag}");
