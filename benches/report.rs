@@ -1,395 +1,306 @@
 //! Makes `target/bench/report.html` from `target/bench/results.json`: verdicts, tables, histograms.
 //! One page that needs nothing else.
 
-use std::fmt::Write;
 use std::fs;
 
+use glam::DVec2;
 use serde_json::Value;
 use tprmp_bench::Fallible;
-use tprmp_bench::plot::{escape, histograms, line, short, stacked};
 use tprmp_bench::results::{self, Verdict};
 use tprmp_bench::statistics::Buckets;
+use tprmp_drawing::{
+    Anchor, BLUE, Cell, Figure, GREEN, INK, ORANGE, PURPLE, Page, Panel, Picture, Sign, Stroke,
+    decades, number,
+};
 
-const STYLE: &str = "\
-body{font:15px/1.45 system-ui,sans-serif;color:#22303c;max-width:1400px;margin:24px auto;padding:0 20px}\
-h1{font-size:26px}h2{margin-top:40px;border-bottom:1px solid #dfe5ea}h3{margin:26px 0 8px}\
-table{border-collapse:collapse;font-size:13px;margin:10px 0}th,td{padding:3px 9px;text-align:right}\
-th{border-bottom:2px solid #9aa7b1;vertical-align:bottom}td{border-bottom:1px solid #eef1f4}\
-td:first-child,th:first-child,td.t,th.t{text-align:left}td:first-child{white-space:nowrap}\
-div.wide{overflow-x:auto}.holds{color:#00705a}.not{color:#b3261e;font-weight:600}\
-.open{color:#8a6100}.plots{display:flex;flex-wrap:wrap;gap:14px}p.note{color:#56636f;max-width:900px}";
 /// Groups with a section of their own.
-const OWN: [&str; 3] = ["latency", "deadlines", "evaluation"];
+const OWN: [&str; 3] = ["evaluation", "latency", "deadlines"];
+const COLOURS: [&str; 4] = [BLUE, ORANGE, GREEN, PURPLE];
+/// Size of the axes of a graph \[px\].
+const SIZE: DVec2 = DVec2::new(360.0, 190.0);
+/// The rate whose rows are drawn, where it was measured \[Hz\].
+const DRAWN_HZ: u64 = 1000;
 
-/// A page that grows.
-struct Page(String);
-
-impl Page {
-    fn add(&mut self, html: &str) {
-        self.0.push_str(html);
-        self.0.push('\n');
-    }
-
-    fn note(&mut self, text: &str) {
-        self.add(&format!("<p class=\"note\">{}</p>", escape(text)));
-    }
-
-    fn table(&mut self, head: &[&str], rows: &[Vec<String>]) {
-        if rows.is_empty() {
-            return;
-        }
-        let mut html = String::from("<table><tr>");
-        for title in head {
-            let _ = write!(html, "<th>{}</th>", escape(title));
-        }
-        for row in rows {
-            html.push_str("</tr><tr>");
-            for cell in row {
-                let _ = write!(html, "<td>{}</td>", escape(cell));
-            }
-        }
-        self.add(&format!("<div class=\"wide\">{html}</tr></table></div>"));
-    }
-
-    fn plots(&mut self, plots: &[String]) {
-        if plots.iter().any(|plot| !plot.is_empty()) {
-            self.add(&format!("<div class=\"plots\">{}</div>", plots.join("\n")));
-        }
-    }
-}
+/// Columns of tables: title and key.
+const MACHINE: [(&str, &str); 8] = [
+    ("group", "group"),
+    ("processor", "cpu"),
+    ("cores", "cores"),
+    ("virtual machine", "virtual_machine"),
+    ("kernel", "kernel"),
+    ("PREEMPT_RT", "preempt_rt"),
+    ("sched_rt_runtime_us", "sched_rt_runtime_us"),
+    ("load average at the start", "load_average"),
+];
+const LATENCY: [(&str, &str); 14] = [
+    ("", "name"),
+    ("scheduler", "scheduler"),
+    ("spin", "spin_us"),
+    ("p50", "p50_us"),
+    ("p99", "p99_us"),
+    ("p99.9", "p999_us"),
+    ("max", "max_us"),
+    ("ratio of p50", "ratio_p50"),
+    ("receiving p50", "receiving_p50_us"),
+    ("evaluation p50", "evaluation_p50_us"),
+    ("publishing p50", "publishing_p50_us"),
+    ("exchanges", "cycles"),
+    ("lost", "lost"),
+    ("steal [ms]", "steal_ms"),
+];
+const DEADLINES: [(&str, &str); 21] = [
+    ("load", "load"),
+    ("rate [Hz]", "rate_hz"),
+    ("cycles", "cycles"),
+    ("misses", "misses"),
+    ("cyclictest", "cyclictest_misses"),
+    ("of cycles", "cyclictest_cycles"),
+    ("steal [ms]", "steal_ms"),
+    ("its steal", "cyclictest_steal_ms"),
+    ("wake-up p50", "p50_us"),
+    ("p99", "p99_us"),
+    ("p99.9", "p999_us"),
+    ("max", "max_us"),
+    ("cyclictest p99", "cyclictest_p99_us"),
+    ("max", "cyclictest_max_us"),
+    ("state age max", "state_age_max_us"),
+    ("evaluation p99", "evaluation_p99_us"),
+    ("max", "evaluation_max_us"),
+    ("publishing p99", "publishing_p99_us"),
+    ("max", "publishing_max_us"),
+    ("slow ticks", "slow_ticks"),
+    ("without steal", "slow_ticks_without_steal"),
+];
 
 fn text<'a>(row: &'a Value, key: &str) -> &'a str {
     row[key].as_str().unwrap_or("")
 }
 
-/// A number of a row, as it is shown.
-fn cell(row: &Value, key: &str) -> String {
+fn cell(row: &Value, key: &str) -> Cell {
     match &row[key] {
         Value::Null => "–".into(),
-        Value::Number(n) if n.is_u64() => n.to_string(),
-        Value::Number(n) => short(n.as_f64().unwrap_or(f64::NAN)),
-        Value::String(text) => text.clone(),
-        other => other.to_string(),
+        Value::Number(n) if n.is_u64() => n.to_string().into(),
+        Value::Number(n) => number(n.as_f64().unwrap_or(f64::NAN)).into(),
+        Value::String(text) => text.into(),
+        other => other.to_string().into(),
     }
 }
 
-fn cells(row: &Value, keys: &[&str]) -> Vec<String> {
-    keys.iter().map(|key| cell(row, key)).collect()
+fn table(page: &mut Page, columns: &[(&str, &str)], rows: &[&Value]) {
+    let head: Vec<_> = columns.iter().map(|(title, _)| *title).collect();
+    let cells = |row: &&Value| columns.iter().map(|(_, key)| cell(row, key)).collect();
+    page.table(&head, rows.iter().map(cells));
+}
+
+/// A table of whatever numbers the rows have.
+fn table_of_numbers(page: &mut Page, rows: &[&Value]) {
+    let fields = rows.iter().filter_map(|row| row.as_object()).flatten();
+    let mut keys =
+        distinct(fields.filter(|(_, value)| value.is_number()).map(|(key, _)| key.as_str()));
+    keys.insert(0, "name");
+    let columns: Vec<_> = keys.into_iter().map(|key| (key, key)).collect();
+    table(page, &columns, rows);
+}
+
+/// Each of some things once, in their order.
+fn distinct<T: PartialEq>(all: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut distinct = Vec::new();
+    for one in all {
+        if !distinct.contains(&one) {
+            distinct.push(one);
+        }
+    }
+    distinct
+}
+
+fn picture(figure: &Figure) -> Picture {
+    Picture { name: figure.title.clone(), svg: figure.svg(), caption: String::new() }
+}
+
+fn verdicts(page: &mut Page, rows: &[Value]) {
+    page.section("What is promised, and what was found");
+    // Those over many rows first.
+    let (many, single): (Vec<_>, Vec<_>) = rows.iter().partition(|row| row["p50_us"].is_null());
+    let judged = many.into_iter().chain(single).filter_map(|row| {
+        let verdict: Verdict = serde_json::from_value(row["verdict"].clone()).ok()?;
+        let judgement = Cell::verdict(verdict.holds, verdict.word());
+        Some(vec![
+            text(row, "group").into(),
+            text(row, "name").into(),
+            verdict.must.into(),
+            verdict.found.into(),
+            judgement,
+        ])
+    });
+    page.table(&["group", "measurement", "must", "found", ""], judged);
+}
+
+fn evaluation(page: &mut Page, rows: &[&Value]) {
+    page.section("One evaluation");
+    let (series, single): (Vec<&Value>, Vec<_>) =
+        rows.iter().copied().partition(|row| row["series"].is_string());
+    table_of_numbers(page, &single);
+    let (mut pictures, mut table) = (Vec::new(), Vec::new());
+    for name in distinct(series.iter().map(|row| text(row, "series"))) {
+        let own = series.iter().filter(|row| row["series"] == name);
+        let mut points: Vec<DVec2> = own
+            .filter_map(|row| Some(DVec2::new(row["x"].as_f64()?, row["best_us"].as_f64()?)))
+            .collect();
+        points.sort_by(|a, b| a.x.total_cmp(&b.x));
+        pictures.push(picture(&growth(name, &points)));
+        let list = points.iter().map(|p| format!("{}: {}", number(p.x), number(p.y)));
+        table.push(vec![name.into(), list.collect::<Vec<_>>().join(", ").into()]);
+    }
+    if !pictures.is_empty() {
+        page.subsection("How it grows");
+        page.pictures(&pictures);
+        page.table(&["varied", "number: best of batches in µs"], table);
+    }
+}
+
+/// A line through points, both axes from zero.
+fn growth(name: &str, points: &[DVec2]) -> Figure {
+    let high = points.iter().copied().fold(DVec2::splat(1e-9), DVec2::max) * DVec2::new(1.05, 1.1);
+    let what = name.split(',').next().unwrap_or(name);
+    let mut panel = Panel::graph("", [what, "time [µs]"], [DVec2::ZERO, high], SIZE);
+    panel.line(points.iter().copied(), &Stroke::solid(BLUE, 2.0));
+    points.iter().for_each(|point| panel.dot(*point, 3.5, BLUE));
+    Figure::single(name, [], panel)
+}
+
+fn latency(page: &mut Page, rows: &[&Value]) {
+    let rows: Vec<_> = rows.iter().copied().filter(|row| row["name"] != "machine").collect();
+    page.section("Between processes: state published → command received");
+    page.paragraph(
+        "Times in µs. Blocks of all cases take turns. The ping-pong sends the same messages over the \
+         same services, without a controller; the ratio is to the one with one exchange a period. In \
+         lockstep the controller asks for no priority and no core of its own.",
+    );
+    table(page, &LATENCY, &rows);
+    let reference = rows.iter().find(|row| row["skill"].is_null());
+    let pictures = rows.iter().filter(|row| row["skill"].is_string()).filter_map(|row| {
+        let mut series = vec![("through the controller", histogram(row, "latency"))];
+        series.extend(reference.map(|row| ("ping-pong", histogram(row, "latency"))));
+        histograms(text(row, "name"), &series)
+    });
+    page.pictures(&pictures.collect::<Vec<_>>());
+}
+
+fn deadlines(page: &mut Page, rows: &[&Value]) {
+    let rows: Vec<_> = rows.iter().filter(|row| row["rate_hz"].is_u64()).collect();
+    page.section("Deadlines");
+    page.paragraph(
+        "Times in µs. A deadline is missed when the command is not out within a period of the tick's \
+         due time; cyclictest, on the same core in the same minutes, misses when it wakes up later \
+         than that. Steal is what the hypervisor took from that core meanwhile. A slow tick spends \
+         more than 100 µs on evaluation and publishing; those without steal had none within 0.1 s. A \
+         busy core is one with a process that computes and walks through memory.",
+    );
+    let kind = |row: &&&Value| (text(row, "scheduler").to_owned(), text(row, "wait").to_owned());
+    for (scheduler, wait) in distinct(rows.iter().map(|row| kind(&row))) {
+        page.subsection(&format!("{scheduler}, {wait}"));
+        let own: Vec<&Value> = rows
+            .iter()
+            .filter(|row| row["scheduler"] == scheduler && row["wait"] == wait)
+            .map(|row| **row)
+            .collect();
+        table(page, &DEADLINES, &own);
+        let all = !own.iter().any(|row| row["rate_hz"] == DRAWN_HZ);
+        let drawn = own.iter().filter(|row| all || row["rate_hz"] == DRAWN_HZ);
+        let pictures = drawn.flat_map(|row| {
+            let title = format!("{} Hz, {}", row["rate_hz"], text(row, "load"));
+            let series = [
+                ("wake-up", "wake_up"),
+                ("cyclictest", "cyclictest"),
+                ("evaluation", "evaluation"),
+                ("publishing", "publishing"),
+            ];
+            let series = series.map(|(label, key)| (label, histogram(row, key)));
+            [histograms(&title, &series), slowest(&title, row)]
+        });
+        page.pictures(&pictures.flatten().collect::<Vec<_>>());
+    }
 }
 
 fn histogram(row: &Value, key: &str) -> Buckets {
     Buckets::from_json(&row["histograms_us"][key]).unwrap_or_default()
 }
 
-fn of_group<'a>(rows: &'a [Value], group: &str) -> Vec<&'a Value> {
-    rows.iter().filter(|row| row["group"] == group).collect()
-}
-
-fn verdicts(page: &mut Page, rows: &[Value]) {
-    page.add("<h2>What is promised, and what was found</h2>");
-    let mut html = String::from(
-        "<table><tr><th>group</th><th class=\"t\">measurement</th><th class=\"t\">must</th>\
-         <th class=\"t\">found</th><th></th></tr>",
-    );
-    // Those over many rows first.
-    let (many, single): (Vec<_>, Vec<_>) = rows.iter().partition(|row| row["p50_us"].is_null());
-    for row in many.into_iter().chain(single) {
-        let Ok(verdict) = serde_json::from_value::<Verdict>(row["verdict"].clone()) else {
-            continue;
-        };
-        let class = match verdict.holds {
-            Some(true) => "holds",
-            Some(false) => "not",
-            None => "open",
-        };
-        let cells = [text(row, "group"), text(row, "name"), &verdict.must, &verdict.found];
-        html.push_str("<tr>");
-        for cell in cells {
-            let _ = write!(html, "<td class=\"t\">{}</td>", escape(cell));
+/// Several histograms over each other: times on a logarithmic axis, fractions of all times on another,
+/// so that one in 10⁵ is still seen. `None` when there is nothing to draw.
+fn histograms(title: &str, series: &[(&str, Buckets)]) -> Option<Picture> {
+    let all = || series.iter().flat_map(|(_, buckets)| buckets.bars());
+    let low = all().map(|(low, ..)| low).reduce(f64::min)?;
+    let high = all().map(|(_, high, _)| high).fold(0.0, f64::max);
+    let most = series.iter().map(|(_, buckets)| buckets.total()).max()?;
+    let (times, least) = (decades(low, high), decades(1.0, most as f64)[1]);
+    let range = [DVec2::new(times[0], 100.0 / least), DVec2::new(times[1], 100.0)];
+    let mut panel =
+        Panel::graph("", ["time [µs]", "of all [%]"], range, SIZE).logarithmic(true, true);
+    let mut legend = Vec::new();
+    for ((label, buckets), colour) in series.iter().zip(COLOURS) {
+        if buckets.total() > 0 {
+            let percent = 100.0 / buckets.total() as f64;
+            let bars = buckets.bars().into_iter().map(|(low, high, count)| {
+                [DVec2::new(low, 0.0), DVec2::new(high, percent * count as f64)]
+            });
+            panel.bars(bars, colour, 0.25);
+            legend.push((*label, Sign::Ellipse(colour)));
         }
-        let _ = write!(html, "<td class=\"t {class}\">{}</td></tr>", verdict.word());
     }
-    page.add(&(html + "</table>"));
+    Some(picture(&Figure::single(title, legend, panel)))
 }
 
-fn machines(page: &mut Page, rows: &[Value]) {
-    page.add("<h2>Machine</h2>");
-    let machines: Vec<_> = rows
+/// The slowest ticks of a row, split into what they spent their time on; `None` where none are known.
+fn slowest(title: &str, row: &Value) -> Option<Picture> {
+    const PARTS: [&str; 4] = ["wake-up", "receiving", "evaluation", "publishing"];
+    const KEYS: [&str; 4] = ["wake_up_us", "receiving_us", "evaluation_us", "publishing_us"];
+    let ticks: Vec<(bool, [f64; 4])> = row["worst_ticks"]
+        .as_array()?
         .iter()
-        .filter(|row| row["name"] == "machine")
-        .map(|row| {
-            cells(
-                row,
-                &[
-                    "group",
-                    "cpu",
-                    "cores",
-                    "virtual_machine",
-                    "kernel",
-                    "preempt_rt",
-                    "sched_rt_runtime_us",
-                    "load_average",
-                ],
-            )
-        })
+        .map(|tick| (tick["steal"] == true, KEYS.map(|key| tick[key].as_f64().unwrap_or(0.0))))
         .collect();
-    let head = [
-        "group",
-        "processor",
-        "cores",
-        "virtual machine",
-        "kernel",
-        "PREEMPT_RT",
-        "sched_rt_runtime_us",
-        "load average at the start",
-    ];
-    page.table(&head, &machines);
-}
-
-fn evaluation(page: &mut Page, rows: &[Value]) {
-    let rows = of_group(rows, "evaluation");
-    if rows.is_empty() {
-        return;
+    let tops = ticks.iter().map(|(_, times)| times.iter().sum::<f64>());
+    let high = DVec2::new(ticks.len() as f64 + 0.6, 1.15 * tops.reduce(f64::max)?);
+    let range = [DVec2::new(0.4, 0.0), high];
+    let mut panel = Panel::graph("", ["its slowest ticks", "time [µs]"], range, SIZE);
+    for (part, colour) in COLOURS.into_iter().enumerate() {
+        let bars = ticks.iter().enumerate().map(|(i, (_, times))| {
+            let below: f64 = times[..part].iter().sum();
+            let x = i as f64 + 1.0;
+            [DVec2::new(x - 0.3, below), DVec2::new(x + 0.3, below + times[part])]
+        });
+        panel.bars(bars, colour, 0.8);
     }
-    page.add("<h2>One evaluation</h2>");
-    let (grows, single): (Vec<_>, Vec<_>) = rows.iter().partition(|row| row["series"].is_string());
-    generic(page, &single);
-    let mut series: Vec<&str> = Vec::new();
-    for row in &grows {
-        if !series.contains(&text(row, "series")) {
-            series.push(text(row, "series"));
-        }
+    for (i, (_, times)) in ticks.iter().enumerate().filter(|(_, (stolen, _))| *stolen) {
+        let top = panel.at(DVec2::new(i as f64 + 1.0, times.iter().sum()));
+        panel.label(top - DVec2::Y * 5.0, Anchor::Middle, INK, "steal");
     }
-    let (mut plots, mut table) = (Vec::new(), Vec::new());
-    for name in series {
-        let mut points: Vec<(f64, f64)> = grows
-            .iter()
-            .filter(|row| row["series"] == name)
-            .filter_map(|row| Some((row["x"].as_f64()?, row["best_us"].as_f64()?)))
-            .collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        plots.push(line(&format!("growth with {name}"), name, "µs", &points));
-        let list = points.iter().map(|(x, us)| format!("{}: {}", short(*x), short(*us)));
-        table.push(vec![name.into(), list.collect::<Vec<_>>().join(", ")]);
-    }
-    if !plots.is_empty() {
-        page.add("<h3>How it grows</h3>");
-        page.plots(&plots);
-        page.table(&["varied", "number: best of batches in µs"], &table);
-    }
-}
-
-/// A table of whatever numbers the rows have.
-fn generic(page: &mut Page, rows: &[&Value]) {
-    let mut keys: Vec<&str> = Vec::new();
-    for row in rows {
-        for (key, value) in row.as_object().into_iter().flatten() {
-            let shown = value.is_number() || (value.is_string() && key == "name");
-            if shown && !keys.contains(&key.as_str()) {
-                keys.push(key);
-            }
-        }
-    }
-    keys.sort_by_key(|key| *key != "name");
-    let rows: Vec<_> = rows.iter().map(|row| cells(row, &keys)).collect();
-    page.table(&keys, &rows);
-}
-
-fn latency(page: &mut Page, rows: &[Value]) {
-    let rows: Vec<_> =
-        of_group(rows, "latency").into_iter().filter(|row| row["name"] != "machine").collect();
-    if rows.is_empty() {
-        return;
-    }
-    page.add("<h2>Between processes: state published → command received</h2>");
-    page.note(
-        "Times in µs. Blocks of all cases take turns. The ping-pong sends the same messages over the \
-         same services, without a controller; the ratio is to the one with one exchange a period. In \
-         lockstep the controller asks for no priority and no core of its own.",
-    );
-    let keys = [
-        "name",
-        "scheduler",
-        "spin_us",
-        "p50_us",
-        "p99_us",
-        "p999_us",
-        "max_us",
-        "ratio_p50",
-        "receiving_p50_us",
-        "evaluation_p50_us",
-        "publishing_p50_us",
-        "cycles",
-        "lost",
-        "steal_ms",
-    ];
-    let head = [
-        "",
-        "scheduler",
-        "spin",
-        "p50",
-        "p99",
-        "p99.9",
-        "max",
-        "ratio of p50",
-        "receiving p50",
-        "evaluation p50",
-        "publishing p50",
-        "exchanges",
-        "lost",
-        "steal [ms]",
-    ];
-    let table: Vec<_> = rows.iter().map(|row| cells(row, &keys)).collect();
-    page.table(&head, &table);
-    let reference = rows.iter().find(|row| row["skill"].is_null());
-    let plots = rows.iter().filter(|row| row["skill"].is_string()).map(|row| {
-        let mut series = vec![("through the controller", histogram(row, "latency"))];
-        series.extend(reference.map(|row| ("ping-pong", histogram(row, "latency"))));
-        histograms(text(row, "name"), &series)
-    });
-    page.plots(&plots.collect::<Vec<_>>());
-}
-
-fn deadlines(page: &mut Page, rows: &[Value]) {
-    let rows: Vec<_> =
-        of_group(rows, "deadlines").into_iter().filter(|row| row["rate_hz"].is_u64()).collect();
-    if rows.is_empty() {
-        return;
-    }
-    page.add("<h2>Deadlines</h2>");
-    page.note(
-        "Times in µs. A deadline is missed when the command is not out within a period of the tick's \
-         due time; cyclictest, on the same core in the same minutes, misses when it wakes up later \
-         than that. Steal is what the hypervisor took from that core meanwhile. A slow tick spends \
-         more than 100 µs on evaluation and publishing; in brackets those without steal within 0.1 s. \
-         A busy core is one with a process that computes and walks through memory.",
-    );
-    let mut kinds: Vec<(&str, &str)> = Vec::new();
-    for row in &rows {
-        let kind = (text(row, "scheduler"), text(row, "wait"));
-        if !kinds.contains(&kind) {
-            kinds.push(kind);
-        }
-    }
-    let head = [
-        "load",
-        "rate [Hz]",
-        "cycles",
-        "misses",
-        "cyclictest",
-        "of cycles",
-        "steal [ms]",
-        "its steal",
-        "wake-up p50",
-        "p99",
-        "p99.9",
-        "max",
-        "cyclictest p99",
-        "max",
-        "state age max",
-        "evaluation p99",
-        "max",
-        "publishing p99",
-        "max",
-        "slow ticks",
-    ];
-    let keys = [
-        "load",
-        "rate_hz",
-        "cycles",
-        "misses",
-        "cyclictest_misses",
-        "cyclictest_cycles",
-        "steal_ms",
-        "cyclictest_steal_ms",
-        "p50_us",
-        "p99_us",
-        "p999_us",
-        "max_us",
-        "cyclictest_p99_us",
-        "cyclictest_max_us",
-        "state_age_max_us",
-        "evaluation_p99_us",
-        "evaluation_max_us",
-        "publishing_p99_us",
-        "publishing_max_us",
-    ];
-    for (scheduler, wait) in kinds {
-        page.add(&format!("<h3>{}, {}</h3>", escape(scheduler), escape(wait)));
-        let of_kind: Vec<_> = rows
-            .iter()
-            .filter(|row| text(row, "scheduler") == scheduler && text(row, "wait") == wait)
-            .collect();
-        let table: Vec<_> = of_kind
-            .iter()
-            .map(|row| {
-                let mut cells = cells(row, &keys);
-                let (slow, bare) = (cell(row, "slow_ticks"), cell(row, "slow_ticks_without_steal"));
-                cells.push(format!("{slow} ({bare})"));
-                cells
-            })
-            .collect();
-        page.table(&head, &table);
-        let mut plots = Vec::new();
-        // The rate that is judged, or whatever was measured.
-        let judged = of_kind.iter().filter(|row| row["rate_hz"] == 1000).count() > 0;
-        for row in of_kind.iter().filter(|row| !judged || row["rate_hz"] == 1000) {
-            plots.push(histograms(
-                &format!("{} Hz, {}", cell(row, "rate_hz"), text(row, "load")),
-                &[
-                    ("wake-up", histogram(row, "wake_up")),
-                    ("cyclictest", histogram(row, "cyclictest")),
-                    ("evaluation", histogram(row, "evaluation")),
-                    ("publishing", histogram(row, "publishing")),
-                ],
-            ));
-            plots.push(worst(row));
-        }
-        page.plots(&plots);
-    }
-}
-
-/// The slowest ticks of a row, split into what they spent their time on.
-fn worst(row: &Value) -> String {
-    let parts = ["wake-up", "receiving", "evaluation", "publishing"];
-    let keys = ["wake_up_us", "receiving_us", "evaluation_us", "publishing_us"];
-    let ticks = row["worst_ticks"].as_array().into_iter().flatten();
-    let bars: Vec<_> = ticks
-        .enumerate()
-        .map(|(i, tick)| {
-            let stolen = if tick["steal"] == true { "steal" } else { "" };
-            let times = keys.iter().map(|key| tick[*key].as_f64().unwrap_or(0.0)).collect();
-            (format!("{stolen} {}", i + 1), times)
-        })
-        .collect();
-    if bars.is_empty() { String::new() } else { stacked("its slowest ticks", "µs", &parts, &bars) }
+    let legend = PARTS.into_iter().zip(COLOURS.map(Sign::Ellipse));
+    Some(picture(&Figure::single(&format!("{title}: slowest ticks"), legend, panel)))
 }
 
 fn main() -> Fallible<()> {
     let rows = results::read()?;
-    let mut page = Page(String::new());
-    page.add("<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">");
-    page.add(&format!("<title>Benchmarks</title><style>{STYLE}</style></head><body>"));
-    page.add("<h1>Benchmarks</h1>");
+    let of = |group: &str| rows.iter().filter(|row| row["group"] == group).collect::<Vec<_>>();
+    let mut page = Page::new("Benchmarks");
     verdicts(&mut page, &rows);
-    machines(&mut page, &rows);
-    evaluation(&mut page, &rows);
-    latency(&mut page, &rows);
-    deadlines(&mut page, &rows);
-    let mut others: Vec<&str> = Vec::new();
-    for row in &rows {
-        let group = text(row, "group");
-        if !OWN.contains(&group) && !others.contains(&group) {
-            others.push(group);
+    page.section("Machine");
+    let machines: Vec<_> = rows.iter().filter(|row| row["name"] == "machine").collect();
+    table(&mut page, &MACHINE, &machines);
+    let own: [fn(&mut Page, &[&Value]); 3] = [evaluation, latency, deadlines];
+    for (group, section) in OWN.into_iter().zip(own) {
+        if !of(group).is_empty() {
+            section(&mut page, &of(group));
         }
     }
-    for group in others {
-        page.add(&format!("<h2>{}</h2>", escape(group)));
-        generic(&mut page, &of_group(&rows, group));
+    let groups = distinct(rows.iter().map(|row| text(row, "group")));
+    for group in groups.into_iter().filter(|group| !OWN.contains(group)) {
+        page.section(group);
+        table_of_numbers(&mut page, &of(group));
     }
-    page.add("</body></html>");
     let path = results::folder().join("report.html");
-    fs::write(&path, page.0)?;
+    fs::write(&path, page.html())?;
     println!("report: {}", path.display());
     Ok(())
 }

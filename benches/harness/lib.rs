@@ -10,7 +10,6 @@ use std::error::Error;
 pub mod controller;
 pub mod cyclictest;
 pub mod machine;
-pub mod plot;
 pub mod results;
 pub mod robot;
 pub mod role;

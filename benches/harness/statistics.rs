@@ -7,6 +7,8 @@ use crate::results::Verdict;
 
 /// Widest bucket: eight an octave.
 const BUCKET_RATIO: f64 = 1.090_507_732_665_257_7;
+/// Bars an octave of a picture.
+const BARS: f64 = 4.0;
 /// A difference that chance makes this often proves nothing.
 const CHANCE: f64 = 0.05;
 
@@ -62,6 +64,21 @@ impl Buckets {
         &self.0
     }
 
+    /// For a picture, bars of one width, four an octave: lower and upper bound \[µs\], and count.
+    #[must_use]
+    pub fn bars(&self) -> Vec<(f64, f64, u64)> {
+        let mut bars: Vec<(i32, u64)> = Vec::new();
+        for (upper, count) in &self.0 {
+            let bar = (upper.log2() * BARS - 1e-6).ceil() as i32;
+            match bars.last_mut() {
+                Some((last, sum)) if *last == bar => *sum += count,
+                _ => bars.push((bar, *count)),
+            }
+        }
+        let bound = |bar: i32| (f64::from(bar) / BARS).exp2();
+        bars.into_iter().map(|(bar, count)| (bound(bar - 1), bound(bar), count)).collect()
+    }
+
     /// Number of times counted.
     #[must_use]
     pub fn total(&self) -> u64 {
@@ -107,6 +124,15 @@ impl Buckets {
     pub fn to_json(&self) -> Value {
         self.0.iter().map(|(upper, count)| json!([rounded(*upper), count])).collect()
     }
+}
+
+/// The value below which a fraction of some values lies: one of them; not a number where there are none.
+#[must_use]
+pub fn quantile(values: &[f64], fraction: f64) -> f64 {
+    let mut values = values.to_vec();
+    values.sort_by(f64::total_cmp);
+    let last = values.len().saturating_sub(1) as f64;
+    values.get((last * fraction) as usize).copied().unwrap_or(f64::NAN)
 }
 
 /// A time to the nanosecond, `null` where there is none.
@@ -197,6 +223,15 @@ mod tests {
     }
 
     #[test]
+    fn buckets_of_any_width_become_bars_of_one() {
+        let buckets = Buckets::new(vec![(1.0, 1), (1.1, 2), (1.18, 3), (2.0, 4), (64.0, 5)]);
+        let bars = buckets.bars();
+        let counts: Vec<_> = bars.iter().map(|(_, upper, count)| (upper.log2(), *count)).collect();
+        assert_eq!(counts, [(0.0, 1), (0.25, 5), (1.0, 4), (6.0, 5)]);
+        assert!(bars.iter().all(|(low, high, _)| (high / low - 0.25_f64.exp2()).abs() < 1e-12));
+    }
+
+    #[test]
     fn buckets_of_two_runs_are_counted_together() {
         let mut sum = Buckets::new(vec![(2.0, 3), (1.0, 1)]);
         sum.add(&Buckets::new(vec![(2.0, 4), (8.0, 1), (4.0, 0)]));
@@ -204,6 +239,13 @@ mod tests {
         assert_eq!((sum.above(2.0), sum.above(1.0), sum.above(8.0)), (1, 8, 0));
         assert_eq!(Buckets::from_json(&sum.to_json()), Some(sum));
         assert_eq!(Buckets::from_json(&json!([[1.0]])), None);
+    }
+
+    #[test]
+    fn a_quantile_is_one_of_the_values() {
+        let values = [3.0, 1.0, 2.0];
+        assert_eq!([0.0, 0.5, 0.9, 1.0].map(|f| quantile(&values, f)), [1.0, 2.0, 2.0, 3.0]);
+        assert!(quantile(&[], 0.5).is_nan());
     }
 
     #[test]

@@ -2,6 +2,8 @@
 
 use std::time::Instant;
 
+use crate::statistics::quantile;
+
 /// Calls in a batch: so many that reading the clock does not matter, and so few that most batches
 /// run through without the machine turning to something else.
 const BATCH: usize = 16;
@@ -33,8 +35,7 @@ pub fn measure(mut work: impl FnMut()) -> Times {
         }
         *batch = since.elapsed().as_secs_f64() * 1e6 / BATCH as f64;
     }
-    batches.sort_by(f64::total_cmp);
-    let at = |fraction: f64| batches[((BATCHES - 1) as f64 * fraction) as usize];
+    let at = |fraction| quantile(&batches, fraction);
     Times {
         best_us: at(0.0),
         p50_us: at(0.5),

@@ -3,15 +3,18 @@
 use glam::{DVec2, DVec3};
 use tprmp_spatial::Pose;
 
-use crate::colour::{AXES, GREY, Scale};
+use crate::colour::{AXES, GREY, INK, Scale};
+use crate::figure::{Figure, Sign};
+use crate::panel::{Anchor, Panel, Stroke};
 use crate::projection::{Bounds, PLANE, SPACE, View};
-use crate::svg::{Figure, Panel, Sign, Stroke, number, ticks_of_length};
+use crate::text::number;
+use crate::ticks;
 
-/// Longest side of the axes of a planar and of a spatial skill [px].
+/// Longest side of the axes of a planar and of a spatial skill \[px\].
 const SIDES_PX: [f64; 2] = [620.0, 360.0];
 /// Length of a frame's axes, in fractions of the longest side.
 const FRAME_FRACTION: f64 = 0.07;
-/// More room around a name is not looked for [px].
+/// More room around a name is not looked for \[px\].
 const ROOM_MAX_PX: f64 = 14.0;
 
 /// A skill's views and the space that they show.
@@ -25,6 +28,7 @@ pub struct Canvas {
 impl Canvas {
     /// For a planar or a spatial skill, around points, with a margin that is a fraction of the longest
     /// side.
+    #[must_use]
     pub fn new(planar: bool, points: impl IntoIterator<Item = DVec3>, margin: f64) -> Self {
         let views = if planar { PLANE } else { SPACE };
         Self { views, space: Bounds::around(planar, points, margin) }
@@ -35,12 +39,14 @@ impl Canvas {
     }
 
     /// Picks the value for planar or spatial skills.
+    #[must_use]
     pub fn choose(&self, of: [f64; 2]) -> f64 {
         of[usize::from(!self.planar())]
     }
 
     /// A panel for each view, all with the same scale. `slice`: the point through which fields are
     /// cut.
+    #[must_use]
     pub fn panels(&self, slice: Option<DVec3>) -> Vec<Panel> {
         let sides = self.views.iter().map(|view| {
             let [low, high] = view.range(&self.space);
@@ -69,6 +75,7 @@ impl Canvas {
     }
 
     /// Panels in rows of two.
+    #[must_use]
     pub fn figure(
         &self,
         title: String,
@@ -82,11 +89,13 @@ impl Canvas {
     }
 
     /// The sign of a frame.
+    #[must_use]
     pub fn frame_sign(&self) -> Sign {
         Sign::Frame(if self.planar() { &AXES[..2] } else { &AXES })
     }
 
     /// Middle and end of each axis of a frame, as they are seen.
+    #[must_use]
     pub fn axes(&self, view: View, frame: &Pose) -> Vec<DVec2> {
         let side = (self.space.high - self.space.low).max_element();
         let count = if self.planar() { 2 } else { 3 };
@@ -100,8 +109,7 @@ impl Canvas {
     /// Draws the axes of a frame.
     pub fn frame(&self, panel: &mut Panel, view: View, frame: &Pose) {
         for (points, colour) in self.axes(view, frame).chunks(2).zip(AXES) {
-            let stroke = Stroke { colour, width: 2.4, dashes: "", rim: false };
-            panel.line([view.point(frame.position), points[1]], &stroke);
+            panel.line([view.point(frame.position), points[1]], &Stroke::solid(colour, 2.4));
         }
     }
 
@@ -147,19 +155,19 @@ impl Canvas {
         let best =
             around.max_by(|a, b| room(a).min(ROOM_MAX_PX).total_cmp(&room(b).min(ROOM_MAX_PX)));
         let centre = best.expect("there are directions");
-        panel.label(centre + DVec2::Y * 4.5, "middle", name);
+        panel.label(centre + DVec2::Y * 4.5, Anchor::Middle, INK, name);
     }
 }
 
-/// Three digits behind the point, as positions are told.
+/// Three digits behind the point, as positions are given.
 fn rounded(x: f64) -> f64 {
     (x * 1e3).round() / 1e3
 }
 
 /// The edges of a box in the isometric view, the lower front ones and the left one with ticks.
 fn corner_axes(panel: &mut Panel, space: &Bounds, labels: [&str; 3]) {
-    const FAINT: Stroke = Stroke { colour: "#d5dce2", width: 1.0, dashes: "", rim: false };
-    const EDGE: Stroke = Stroke { colour: GREY, width: 1.0, dashes: "", rim: false };
+    const FAINT: Stroke = Stroke::solid("#d5dce2", 1.0);
+    const EDGE: Stroke = Stroke::solid(GREY, 1.0);
     let seen = |p: DVec3| View::Corner.point(p);
     let (low, high) = (space.low, space.high);
     let at = |x: bool, y: bool, z: bool| {
@@ -181,9 +189,9 @@ fn corner_axes(panel: &mut Panel, space: &Bounds, labels: [&str; 3]) {
     let pixels = panel.scale().x;
     // Each with its outward direction in the picture, and how its numbers are set.
     let axes = [
-        (0, at(false, false, false), DVec2::new(-4.0, 7.0), "end"),
-        (1, at(true, false, false), DVec2::new(4.0, 7.0), "start"),
-        (2, at(false, false, false), DVec2::new(-7.0, 0.0), "end"),
+        (0, at(false, false, false), DVec2::new(-4.0, 7.0), Anchor::End),
+        (1, at(true, false, false), DVec2::new(4.0, 7.0), Anchor::Start),
+        (2, at(false, false, false), DVec2::new(-7.0, 0.0), Anchor::End),
     ];
     for (axis, origin, outward, anchor) in axes {
         let on = |value: f64| {
@@ -193,7 +201,7 @@ fn corner_axes(panel: &mut Panel, space: &Bounds, labels: [&str; 3]) {
         };
         panel.line([on(low[axis]), on(high[axis])], &EDGE);
         let length = (on(high[axis]) - on(low[axis])).length() * pixels;
-        for tick in ticks_of_length(low[axis], high[axis], length) {
+        for tick in ticks::above_each_other(low[axis], high[axis], length) {
             panel.dot(on(tick), 2.2, GREY);
             let offset = outward + DVec2::Y * if axis == 2 { 4.5 } else { 8.0 };
             panel.words(on(tick), offset, anchor, &number(tick));

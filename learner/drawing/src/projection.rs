@@ -32,12 +32,14 @@ impl View {
     }
 
     /// Where a point is seen.
+    #[must_use]
     pub fn point(self, p: DVec3) -> DVec2 {
         let [right, up] = self.directions();
         DVec2::new(right.dot(p), up.dot(p))
     }
 
     /// What a covariance looks like: P C Pᵀ, whose ellipses are the outlines of the ellipsoids.
+    #[must_use]
     pub fn covariance(self, c: DMat3) -> DMat2 {
         let [right, up] = self.directions();
         let (cr, cu) = (c * right, c * up);
@@ -48,12 +50,14 @@ impl View {
     }
 
     /// The point of a slice that is seen at `seen`; what the view does not show is that of `plane`.
+    #[must_use]
     pub fn on_slice(self, seen: DVec2, plane: DVec3) -> DVec3 {
         let [right, up] = self.directions();
         plane + right * (seen.x - right.dot(plane)) + up * (seen.y - up.dot(plane))
     }
 
     /// The coordinate that is not seen; `None` in the isometric view.
+    #[must_use]
     pub fn depth(self) -> Option<usize> {
         match self {
             Self::Along([a, b]) => Some(3 - a - b),
@@ -62,6 +66,7 @@ impl View {
     }
 
     /// What is seen of a box.
+    #[must_use]
     pub fn range(self, space: &Bounds) -> [DVec2; 2] {
         let corners = space.corners().map(|corner| self.point(corner));
         [
@@ -71,12 +76,12 @@ impl View {
     }
 }
 
-/// A Gaussian over positions [m].
+/// A Gaussian over positions \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ellipsoid {
-    /// Mean [m].
+    /// Mean \[m\].
     pub mean: DVec3,
-    /// Covariance [m²].
+    /// Covariance \[m²\].
     pub covariance: DMat3,
     /// Mean phase.
     pub phase: f64,
@@ -85,6 +90,7 @@ pub struct Ellipsoid {
 impl Ellipsoid {
     /// The position part of a Gaussian of a model, `mean` of two or three coordinates at least, of
     /// which the first `dimension` are the position's.
+    #[must_use]
     pub fn new(dimension: usize, mean: &[f64], covariance: &[Vec<f64>], phase: f64) -> Self {
         let mut ellipsoid = Self { mean: DVec3::ZERO, covariance: DMat3::ZERO, phase };
         for (i, row) in covariance.iter().enumerate().take(dimension) {
@@ -97,6 +103,7 @@ impl Ellipsoid {
     }
 
     /// Ends of the box around `deviations` of it.
+    #[must_use]
     pub fn ends(&self, deviations: f64) -> [DVec3; 2] {
         let c = self.covariance;
         let half = DVec3::new(c.x_axis.x.sqrt(), c.y_axis.y.sqrt(), c.z_axis.z.sqrt());
@@ -107,15 +114,16 @@ impl Ellipsoid {
 /// A box in space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
-    /// Least coordinates [m].
+    /// Least coordinates \[m\].
     pub low: DVec3,
-    /// Largest coordinates [m].
+    /// Largest coordinates \[m\].
     pub high: DVec3,
 }
 
 impl Bounds {
     /// Around points of the plane or of space, with a margin that is a fraction of the largest side. No
     /// side is so thin that its axis could not be read; in the plane there is no height.
+    #[must_use]
     pub fn around(planar: bool, points: impl IntoIterator<Item = DVec3>, margin: f64) -> Self {
         let ends = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let (low, high) = points.into_iter().fold(ends, |(low, high), p| (low.min(p), high.max(p)));
@@ -129,6 +137,7 @@ impl Bounds {
     }
 
     /// Its eight corners.
+    #[must_use]
     pub fn corners(&self) -> [DVec3; 8] {
         std::array::from_fn(|i| {
             let pick = |axis: usize| if i >> axis & 1 == 1 { self.high } else { self.low };
@@ -137,10 +146,18 @@ impl Bounds {
     }
 }
 
+/// Standard deviations along the principal axes, and the angle of the first axis \[rad\].
+#[must_use]
+pub fn principal_axes(covariance: DMat2) -> (DVec2, f64) {
+    let (a, b, c) = (covariance.x_axis.x, covariance.x_axis.y, covariance.y_axis.y);
+    let (mean, radius) = (0.5 * (a + c), (0.5 * (a - c)).hypot(b));
+    let variances = DVec2::new(mean + radius, (mean - radius).max(0.0));
+    (DVec2::new(variances.x.sqrt(), variances.y.sqrt()), 0.5 * (2.0 * b).atan2(a - c))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::svg::principal_axes;
 
     /// The projected ellipsoid and the ellipse of the projected covariance reach equally far in
     /// every direction, and no point of the one lies outside the other.
@@ -156,14 +173,14 @@ mod tests {
             let seen = view.covariance(covariance);
             let inverse = seen.inverse();
             let (mut farthest, mut reach): (f64, f64) = (0.0, 0.0);
-            let (axes, angle) = principal_axes(seen);
-            let major = DVec2::from_angle(angle);
+            let (axes, major) = principal_axes(seen);
+            let major = DVec2::from_angle(major);
             for i in 0..200 {
                 for k in 0..200 {
-                    let (height, turn) = (f64::from(i) / 99.5 - 1.0, f64::from(k) * 0.0314159);
+                    let (height, angle) = (f64::from(i) / 99.5 - 1.0, f64::from(k) * 0.0314159);
                     let r = (1.0 - height * height).max(0.0).sqrt();
                     // A point of the surface of the ellipsoid at two deviations.
-                    let sphere = DVec3::new(r * turn.cos(), r * turn.sin(), height);
+                    let sphere = DVec3::new(r * angle.cos(), r * angle.sin(), height);
                     let p = view.point(root * sphere * 2.0);
                     farthest = farthest.max(p.dot(inverse * p).sqrt());
                     reach = reach.max(p.dot(major));
@@ -172,6 +189,16 @@ mod tests {
             assert!(farthest <= 2.0 + 1e-9 && farthest > 1.999, "{view:?}: {farthest}");
             assert!((reach - 2.0 * axes.x).abs() < 1e-3, "{view:?}: {reach}");
         }
+    }
+
+    #[test]
+    fn principal_axes_are_those_of_the_covariance() {
+        let rotation = DMat2::from_angle(0.7);
+        let covariance =
+            rotation * DMat2::from_diagonal(DVec2::new(9.0, 4.0)) * rotation.transpose();
+        let (axes, angle) = principal_axes(covariance);
+        assert!((axes - DVec2::new(3.0, 2.0)).length() < 1e-12);
+        assert!((angle - 0.7).abs() < 1e-12);
     }
 
     #[test]

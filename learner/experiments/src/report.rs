@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::protocol::{Bench, Case};
 use super::results::Row;
 use super::verdict::Verdict;
-use tprmp_drawing::svg::{INK, escape};
+use tprmp_drawing::{Cell, Page};
 
 mod boxes;
 mod fields;
@@ -28,13 +28,6 @@ pub struct Run<'a> {
     pub trained: Duration,
     /// How long all took.
     pub elapsed: Duration,
-}
-
-/// A figure of the page: what it shows, and a sentence on what is seen.
-struct Picture {
-    title: String,
-    svg: String,
-    caption: String,
 }
 
 /// The table of verdicts as text.
@@ -66,57 +59,33 @@ pub fn summary(verdicts: &[Verdict], failures: &[String]) -> String {
 #[must_use]
 pub fn page(run: &Run) -> String {
     let bench = run.bench;
-    let mut page = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
-         <title>Experiments on {dataset}</title>\n<style>\n\
-         body {{ font: 15px/1.5 'Helvetica Neue', Helvetica, Arial, 'Liberation Sans', sans-serif; \
-         color: {INK}; background: #f1f4f6; margin: 24px auto; max-width: 1240px; padding: 0 16px; }}\n\
-         figure {{ margin: 0 0 20px; padding: 8px; background: white; border: 1px solid #d5dce2; \
-         border-radius: 6px; }}\n\
-         figure > svg {{ max-width: 100%; height: auto; }}\n\
-         figcaption {{ padding: 4px 14px 10px; max-width: 100ch; }}\n\
-         table {{ border-collapse: collapse; background: white; }}\n\
-         td, th {{ border: 1px solid #d5dce2; padding: 3px 10px; text-align: left; \
-         vertical-align: top; }}\n\
-         .pass {{ color: #1b7a3a; font-weight: 600; }} .fail {{ color: #c2291f; font-weight: 600; }}\n\
-         details {{ max-width: 90ch; }}\n</style>\n</head>\n<body>\n\
-         <h1>Experiments on “{dataset}”</h1>\n<p>{skills} skills, {rollouts} rollouts, seed {seed}; \
-         {seconds:.0} s, of which training {training:.0} s. Each experiment is measured twice: by what the thesis measured \
-         (after its early stop, against the policy's own goal), and against the true goal after \
-         {duration} s.</p>\n",
-        dataset = escape(&bench.dataset),
+    let mut page = Page::new(&format!("Experiments on “{}”", bench.dataset));
+    page.paragraph(&format!(
+        "{skills} skills, {rollouts} rollouts, seed {seed}; {seconds:.0} s, of which training \
+         {training:.0} s. Each experiment is measured twice: by what the thesis measured (after its \
+         early stop, against the policy's own goal), and against the true goal after {duration} s.",
         skills = bench.skills.len(),
         rollouts = run.cases.len(),
         seed = bench.seed,
         seconds = run.elapsed.as_secs_f64(),
         training = run.trained.as_secs_f64(),
         duration = super::protocol::DURATION_S,
-    );
-    page += &verdict_table(run.verdicts);
+    ));
+    page.section("What the default policy must do");
+    page.table(&["", "demand", "measured"], run.verdicts.iter().map(verdict_row));
     if !bench.models.failures.is_empty() {
-        page += "<h2>Not trained</h2>\n<ul>\n";
-        for failure in &bench.models.failures {
-            writeln!(page, "<li>{}</li>", escape(failure)).expect("a string grows");
-        }
-        page += "</ul>\n";
+        page.section("Not trained");
+        page.list(&bench.models.failures);
     }
+    page.section("Figures");
     let mut pictures = boxes::pictures(run);
     pictures.extend(paths::pictures(run));
     pictures.extend(fields::pictures(run));
-    pictures.sort_by(|a, b| order(&a.title).total_cmp(&order(&b.title)));
-    for picture in pictures {
-        writeln!(
-            page,
-            "<figure>\n<h3>{}</h3>\n{}<figcaption>{}</figcaption>\n</figure>",
-            escape(&picture.title),
-            picture.svg,
-            escape(&picture.caption)
-        )
-        .expect("a string grows");
-    }
-    page += &failure_list(run);
-    page += "</body>\n</html>\n";
-    page
+    pictures.sort_by(|a, b| order(&a.name).total_cmp(&order(&b.name)));
+    page.pictures(&pictures);
+    page.section("Failures by policy and experiment");
+    list_failures(&mut page, run);
+    page.html()
 }
 
 /// Figures in the order of the thesis: 3.2 before 4.2 before 5.10; what has no number comes last.
@@ -134,40 +103,22 @@ fn order(title: &str) -> f64 {
     chapter * 100.0 + figure
 }
 
-fn verdict_table(verdicts: &[Verdict]) -> String {
-    let mut table = String::from(
-        "<h2>What the default policy must do</h2>\n<table>\n<tr><th></th><th>demand</th>\
-         <th>measured</th></tr>\n",
-    );
-    for verdict in verdicts {
-        let sign = match verdict.holds {
-            Some(true) => "<span class=\"pass\">pass</span>",
-            Some(false) => "<span class=\"fail\">fail</span>",
-            None => "–",
-        };
-        let failures = if verdict.failures.is_empty() {
-            String::new()
-        } else {
-            format!(
-                "<details><summary>{} failures</summary>{}</details>",
-                verdict.failures.len(),
-                escape(&verdict.failures.join("; "))
-            )
-        };
-        writeln!(
-            table,
-            "<tr><td>{sign}</td><td>{}</td><td>{}{failures}</td></tr>",
-            escape(&verdict.demand),
-            escape(&verdict.measured)
-        )
-        .expect("a string grows");
+fn verdict_row(verdict: &Verdict) -> Vec<Cell> {
+    let word = match verdict.holds {
+        Some(true) => "pass",
+        Some(false) => "fail",
+        None => "–",
+    };
+    let mut measured = Cell::from(&verdict.measured);
+    if !verdict.failures.is_empty() {
+        let summary = format!("{} failures", verdict.failures.len());
+        measured = measured.with_details(&summary, &verdict.failures.join("; "));
     }
-    table + "</table>\n"
+    vec![Cell::verdict(verdict.holds, word), (&verdict.demand).into(), measured]
 }
 
 /// Every rollout that did not reach its goal, or touched an obstacle though it need not have.
-fn failure_list(run: &Run) -> String {
-    let mut text = String::from("<h2>Failures by policy and experiment</h2>\n");
+fn list_failures(page: &mut Page, run: &Run) {
     let mut groups: std::collections::BTreeMap<(String, String), (usize, Vec<String>)> =
         std::collections::BTreeMap::new();
     for row in run.rows.iter().filter(|row| row.iteration_us.is_none()) {
@@ -192,15 +143,7 @@ fn failure_list(run: &Run) -> String {
         if failures.is_empty() {
             continue;
         }
-        writeln!(
-            text,
-            "<details><summary>{}, {}: {} of {count}</summary>{}</details>",
-            escape(&policy),
-            escape(&experiment),
-            failures.len(),
-            escape(&failures.join("; "))
-        )
-        .expect("a string grows");
+        let summary = format!("{policy}, {experiment}: {} of {count}", failures.len());
+        page.details(&summary, &failures.join("; "));
     }
-    text
 }

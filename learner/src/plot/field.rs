@@ -3,8 +3,7 @@
 use contour::ContourBuilder;
 use glam::DVec2;
 
-use tprmp_drawing::colour::Scale;
-use tprmp_drawing::svg::Panel;
+use tprmp_drawing::{Panel, Scale};
 
 /// Side of a cell in which a field is evaluated once [px].
 const CELL_PX: f64 = 4.0;

@@ -11,10 +11,10 @@ use super::forces::{Forces, Share};
 use super::scene::{SAMPLE_S, Sample, Scene};
 use crate::demonstration::Demonstration;
 use crate::mixture::components::Choice;
-use tprmp_drawing::canvas::Canvas;
-use tprmp_drawing::colour::{BLACK, BLUE, GREY, RED, Scale, of_phase, pale_of_phase};
-use tprmp_drawing::projection::{Ellipsoid, View};
-use tprmp_drawing::svg::{Figure, INK, Panel, Sign, Stroke, principal_axes};
+use tprmp_drawing::{
+    Anchor, BLACK, BLUE, Canvas, Ellipsoid, Figure, GREY, INK, Panel, RED, Scale, Sign, Stroke,
+    View, of_phase, pale_of_phase, principal_axes,
+};
 
 /// Standard deviations at which Gaussians are drawn.
 const DEVIATIONS: f64 = 2.0;
@@ -449,7 +449,12 @@ pub fn choice(choice: &Choice) -> Figure {
     for (candidate, p) in &points {
         if candidate.components == choice.components {
             panel.dot(*p, 8.0, RED);
-            panel.words(*p, DVec2::new(0.0, 24.0), "middle", &format!("K = {}", choice.components));
+            panel.words(
+                *p,
+                DVec2::new(0.0, 24.0),
+                Anchor::Middle,
+                &format!("K = {}", choice.components),
+            );
         } else {
             panel.dot(*p, 4.5, if candidate.empty { EMPTY } else { BLUE });
         }

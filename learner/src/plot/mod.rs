@@ -24,9 +24,7 @@ use crate::error::LearnerError;
 use crate::mixture::components::Choice;
 use figures::{OrientationBand, SeenFromFrame, Shown};
 use scene::{Scene, Skill, position_part};
-use tprmp_drawing::colour::Scale;
-use tprmp_drawing::projection::Ellipsoid;
-use tprmp_drawing::svg::{Figure, escape};
+use tprmp_drawing::{Ellipsoid, Figure, Page, Picture, Scale};
 
 /// How far frames are moved in the pictures of adaptation, in fractions of the way from start to goal:
 /// the start frame to the side, the goal frame on and to the other side.
@@ -37,14 +35,6 @@ const GOAL_ASIDE: f64 = -0.25;
 const GOAL_TURN_DEG: f64 = 30.0;
 /// A demonstration is at rest within this fraction of its extent around its first and last point.
 const REST_FRACTION: f64 = 1e-3;
-
-/// A picture and what it shows.
-struct Picture {
-    /// File name without extension.
-    name: String,
-    figure: Figure,
-    caption: String,
-}
 
 /// Draws a model into a folder, which is made when it is missing. Returns the files: pictures, and
 /// last the page that shows them all. The same input gives the same bytes.
@@ -70,18 +60,12 @@ pub fn plot(model: &Path, demonstrations: &Path, out: &Path) -> Result<Vec<PathB
     std::fs::create_dir_all(out)
         .map_err(|source| LearnerError::Write { path: out.into(), source })?;
     let mut paths = Vec::with_capacity(pictures.len() + 1);
-    let mut page = page_head(&model);
     for picture in &pictures {
-        let svg = picture.figure.svg();
-        paths.push(write(&format!("{}.svg", picture.name), &svg)?);
-        page += &format!(
-            "<figure id=\"{}\">\n{svg}<figcaption>{}</figcaption>\n</figure>\n",
-            picture.name,
-            escape(&picture.caption)
-        );
+        paths.push(write(&format!("{}.svg", picture.name), &picture.svg)?);
     }
-    page += "</main>\n</body>\n</html>\n";
-    paths.push(write("index.html", &page)?);
+    let mut page = page_head(&model);
+    page.pictures(&pictures);
+    paths.push(write("index.html", &page.html())?);
     Ok(paths)
 }
 
@@ -140,18 +124,16 @@ fn shown_frames<'a>(model: &'a SkillModel, shown: &[Demonstration]) -> Vec<(&'a 
     model.frames.iter().map(|frame| (frame.name.as_str(), poses(&frame.name))).collect()
 }
 
-/// The pictures of a model: name, SVG document and caption.
+/// The pictures of a model.
 ///
 /// # Errors
 /// When the model cannot be evaluated.
 pub fn gallery(
     model: &SkillModel,
     shown: &[Demonstration],
-) -> Result<Vec<(String, String, String)>, EvaluationError> {
+) -> Result<Vec<Picture>, EvaluationError> {
     let position = position_part(model);
-    let skill = Skill::new(model, &position)?;
-    let pictures = pictures(&skill, shown).into_iter();
-    Ok(pictures.map(|picture| (picture.name, picture.figure.svg(), picture.caption)).collect())
+    Ok(pictures(&Skill::new(model, &position)?, shown))
 }
 
 /// The position parts of a model's Gaussians in canonical coordinates.
@@ -181,7 +163,7 @@ fn pictures(skill: &Skill, shown: &[Demonstration]) -> Vec<Picture> {
 
     let mut pictures = Vec::new();
     let mut add = |name: &str, figure: Figure, caption: String| {
-        pictures.push(Picture { name: name.into(), figure, caption });
+        pictures.push(Picture { name: name.into(), svg: figure.svg(), caption });
     };
     add(
         "demonstrations",
@@ -432,40 +414,26 @@ fn orientation(
     Some(figures::orientation(paths, shown.rollouts(), &scene.goal, &bands, duration_s))
 }
 
-/// Whether the certificate holds, and what it fails.
-fn verdict(failures: &[String]) -> String {
-    if failures.is_empty() {
-        return "<p>Its certificate holds.</p>\n".into();
-    }
-    let items: String =
-        failures.iter().map(|failure| format!("<li>{}</li>\n", escape(failure))).collect();
-    format!("<p><strong>Its certificate fails:</strong></p>\n<ul>\n{items}</ul>\n")
-}
-
-fn page_head(model: &SkillModel) -> String {
-    let skill = escape(&model.skill);
-    format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
-         <title>Skill “{skill}”</title>\n<style>\n\
-         body {{ font: 15px/1.5 'Helvetica Neue', Helvetica, Arial, 'Liberation Sans', sans-serif; \
-         color: {ink}; background: #f1f4f6; margin: 24px; }}\n\
-         main {{ display: grid; gap: 20px; align-items: start; \
-         grid-template-columns: repeat(auto-fill, minmax(min(100%, 600px), 1fr)); }}\n\
-         figure {{ margin: 0; padding: 8px; background: white; border: 1px solid #d5dce2; \
-         border-radius: 6px; }}\n\
-         figure > svg {{ max-width: 100%; height: auto; }}\n\
-         figcaption {{ padding: 4px 14px 10px; max-width: 80ch; }}\n</style>\n</head>\n<body>\n\
-         <h1>Skill “{skill}”</h1>\n<p>{manifold}, from “{start}” to a goal fixed to “{goal}”; \
-         {count} demonstrations, K = {components} Gaussians; learned by version {version}, seed \
-         {seed}.</p>\n{certificate}<main>\n",
-        certificate = verdict(&model.certificate.failures),
-        ink = tprmp_drawing::svg::INK,
+/// What the page says before its pictures.
+fn page_head(model: &SkillModel) -> Page {
+    let mut page = Page::new(&format!("Skill “{}”", model.skill));
+    page.paragraph(&format!(
+        "{manifold}, from “{start}” to a goal fixed to “{goal}”; {count} demonstrations, K = \
+         {components} Gaussians; learned by version {version}, seed {seed}.",
         manifold = model.manifold,
-        start = escape(&model.start_frame),
-        goal = escape(&model.goal_frame),
+        start = model.start_frame,
+        goal = model.goal_frame,
         count = model.provenance.demonstrations.len(),
         components = model.gaussians.len(),
-        version = escape(&model.provenance.tool_version),
+        version = model.provenance.tool_version,
         seed = model.provenance.seed,
-    )
+    ));
+    let failures = &model.certificate.failures;
+    let holds = failures.is_empty();
+    page.verdict(
+        Some(holds),
+        if holds { "Its certificate holds." } else { "Its certificate fails:" },
+    );
+    page.list(failures);
+    page
 }

@@ -13,7 +13,7 @@ use super::forces::Forces;
 use crate::canonical::pace::Pace;
 use crate::certify::policy::{Learned, Situation};
 use crate::certify::rollout::{Course, acceleration, follow};
-use tprmp_drawing::projection::Ellipsoid;
+use tprmp_drawing::Ellipsoid;
 
 /// Step of the rollouts [s].
 const STEP_S: f64 = 2e-3;

@@ -13,7 +13,7 @@ use crate::shape::{PlanarPose, Stroke};
 /// A seed draws at most so many obstacles until one leaves start and goal free.
 const DRAWS_MAX: usize = 1000;
 
-/// One drawn situation; lengths in `B`.
+/// What a seed drew; lengths in `B`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Episode {
@@ -25,7 +25,7 @@ pub(crate) struct Episode {
     pub(crate) push: Option<Push>,
 }
 
-/// The goal frame's origin goes round a circle, while the frame turns to and fro.
+/// The goal frame's origin goes round a circle, while the frame rotates to and fro.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Goal {
@@ -34,9 +34,9 @@ pub(crate) struct Goal {
     /// Negative: clockwise.
     pub(crate) circle_speed_rad_s: f64,
     pub(crate) circle_phase_rad: f64,
-    pub(crate) turn_amplitude_rad: f64,
-    pub(crate) turn_speed_rad_s: f64,
-    pub(crate) turn_phase_rad: f64,
+    pub(crate) rotation_amplitude_rad: f64,
+    pub(crate) rotation_speed_rad_s: f64,
+    pub(crate) rotation_phase_rad: f64,
 }
 
 /// The ball swings about a point of the stroke, through which it comes at the crossing time.
@@ -82,15 +82,17 @@ pub(crate) struct ObstacleAt {
 impl Goal {
     pub(crate) fn at(&self, time_s: f64) -> FrameAt {
         let phase = self.circle_speed_rad_s * time_s + self.circle_phase_rad;
-        let turn = self.turn_speed_rad_s * time_s + self.turn_phase_rad;
+        let rotation = self.rotation_speed_rad_s * time_s + self.rotation_phase_rad;
         let arm = self.circle_radius_m * DVec2::from_angle(phase);
         FrameAt {
             pose: PlanarPose {
                 position_m: DVec2::from(self.centre_m) + arm,
-                angle_rad: self.turn_amplitude_rad * turn.sin(),
+                angle_rad: self.rotation_amplitude_rad * rotation.sin(),
             },
             velocity_m_s: self.circle_speed_rad_s * arm.perp(),
-            angular_velocity_rad_s: self.turn_amplitude_rad * self.turn_speed_rad_s * turn.cos(),
+            angular_velocity_rad_s: self.rotation_amplitude_rad
+                * self.rotation_speed_rad_s
+                * rotation.cos(),
         }
     }
 }
@@ -128,7 +130,7 @@ impl Episode {
         PlanarPose { position_m: self.start_position_m.into(), angle_rad: self.start_angle_rad }
     }
 
-    /// Draws the situation of a seed, for a point of radius `point_radius_m`. With or without a
+    /// Draws the episode of a seed, for a point of radius `point_radius_m`. With or without a
     /// push, all else is the same.
     pub(crate) fn draw(
         scene: &Scene,
@@ -159,9 +161,9 @@ impl Episode {
             circle_radius_m: settings.circle_radius_m,
             circle_speed_rad_s: draw(&settings.circle_speed_rad_s) * draw_sign(&mut draw),
             circle_phase_rad: draw(&settings.circle_phase_rad),
-            turn_amplitude_rad: draw(&settings.turn_amplitude_rad),
-            turn_speed_rad_s: draw(&settings.turn_speed_rad_s),
-            turn_phase_rad: draw(&settings.turn_phase_rad),
+            rotation_amplitude_rad: draw(&settings.rotation_amplitude_rad),
+            rotation_speed_rad_s: draw(&settings.rotation_speed_rad_s),
+            rotation_phase_rad: draw(&settings.rotation_phase_rad),
         };
         for _ in 0..DRAWS_MAX {
             let obstacle = draw_obstacle(scene, &stroke, &start, &goal, &mut draw);
@@ -233,7 +235,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_seed_says_it_all() {
+    fn a_seed_determines_all() {
         assert_eq!(episode(5), episode(5));
         assert_ne!(episode(5).obstacle, episode(6).obstacle);
         let calm = Episode::draw(&scene(), 5, RADIUS, false).unwrap();

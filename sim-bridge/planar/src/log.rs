@@ -5,6 +5,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use tprmp_messages::LifeCycle;
 
 use crate::episode::Episode;
 use crate::error::{SimError, parse_json, read_text, write};
@@ -18,6 +19,9 @@ const SCHEMA: &str = "tprmp-planar-bridge/1";
 /// One row is kept of so many steps.
 pub(crate) const STEPS_A_ROW: u64 = 5;
 const HINT: &str = " (is this a folder that `planar-sim run --out` wrote?)";
+
+/// The controller brakes in order to leave: no longer part of the task.
+pub(crate) const STOPPING: f64 = LifeCycle::Stopping as u32 as f64;
 
 macro_rules! row {
     ($($(#[$meta:meta])* $column:ident),+ $(,)?) => {
@@ -142,7 +146,7 @@ pub(crate) fn save(folder: &Path, rows: &[Row], bridge: &Bridge) -> Result<(), S
     for row in rows {
         for (i, value) in row.values().iter().enumerate() {
             let separator = if i == 0 { "" } else { "," };
-            // Tenths of a millimetre and less; trailing zeros say nothing.
+            // Tenths of a millimetre and less; no trailing zeros.
             let rounded = (value * 1e5).round() / 1e5;
             write!(text, "{separator}{rounded}").expect("a string grows");
         }
@@ -163,6 +167,12 @@ pub(crate) fn load(folder: &Path) -> Result<(Vec<Row>, Bridge), SimError> {
     }
     let path = folder.join(LOG_FILE);
     Ok((parse_rows(&read_text(&path, HINT)?, &path)?, bridge))
+}
+
+/// The rows of the task, without those in which the controller leaves.
+pub(crate) fn before_stopping(mut rows: Vec<Row>) -> Vec<Row> {
+    rows.retain(|row| row.life_cycle != STOPPING);
+    rows
 }
 
 fn parse_rows(text: &str, path: &Path) -> Result<Vec<Row>, SimError> {
@@ -188,7 +198,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_survive_the_file_and_damaged_ones_are_told() {
+    fn rows_survive_the_file_and_damaged_ones_are_refused() {
         let path = Path::new("log.csv");
         let header = Row::COLUMNS.join(",");
         let mut values = [0.0; Row::COLUMNS.len()];

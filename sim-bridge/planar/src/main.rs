@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 mod clock;
-mod drawing;
+mod drawings;
 mod episode;
 mod error;
 mod log;
@@ -17,7 +17,6 @@ mod run;
 mod scene;
 mod shape;
 mod spline;
-mod svg;
 mod world;
 
 use error::SimError;
@@ -63,7 +62,7 @@ enum Command {
         /// the same flag.
         #[arg(long)]
         lockstep: bool,
-        /// Also push the point, for a moment.
+        /// Also push the point, for a short time.
         #[arg(long)]
         push: bool,
         /// Write the raw bytes of every command to this file.
@@ -73,7 +72,7 @@ enum Command {
         #[arg(long, default_value = "config/scenes/planar.json")]
         scene: PathBuf,
     },
-    /// Say what came of a run: a table, DIR/result.json and DIR/report.html with pictures.
+    /// Report on a run: a table, DIR/result.json and DIR/report.html with pictures.
     ///
     /// Reads log.csv and bridge.json of `planar-sim run --out DIR` and controller.json of
     /// `controller run --summary DIR/controller.json`. The exit code is 1 when the run failed.
@@ -94,9 +93,9 @@ enum Command {
         #[arg(long, default_value = "config/scenes/planar.json")]
         scene: PathBuf,
     },
-    /// Write the scripted expert's demonstrations of drawings: way points in a file, one skill each.
+    /// Write the scripted expert's demonstrations of drawings: waypoints in a file, one skill each.
     ///
-    /// A folder a skill. To add a drawing, add its name and way points to the file; the others'
+    /// A folder a skill. To add a drawing, add its name and waypoints to the file; the others'
     /// demonstrations stay as they are.
     Draw {
         /// Drawings file.
@@ -126,8 +125,8 @@ fn execute(command: Command) -> Result<ExitCode, SimError> {
         Command::Run { seed, out, instance, lockstep, push, record_commands, scene } => {
             let options = Options { seed, out, instance, lockstep, push, record_commands };
             let outcome = run::run(&Scene::read(&scene)?, &options)?;
-            let well = matches!(outcome, Outcome::Done | Outcome::Interrupted);
-            Ok(if well { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+            let done = matches!(outcome, Outcome::Done | Outcome::Interrupted);
+            Ok(if done { ExitCode::SUCCESS } else { ExitCode::FAILURE })
         }
         Command::Report { folder } => {
             let success = report::report(&folder)?;
@@ -138,7 +137,7 @@ fn execute(command: Command) -> Result<ExitCode, SimError> {
             Ok(ExitCode::SUCCESS)
         }
         Command::Draw { drawings, out, seed } => {
-            drawing::draw(&drawings, seed, &out)?;
+            drawings::draw(&drawings, seed, &out)?;
             Ok(ExitCode::SUCCESS)
         }
     }

@@ -1,50 +1,65 @@
 //! The pictures of a run.
 
-use glam::{DQuat, DVec2, DVec3};
+use glam::DVec2;
 use serde_json::Value;
-use tprmp_rmpflow::policy::canonical::frame_map::{Anchor, Canonical, FrameMap};
-use tprmp_spatial::{MovingPose, Pose};
+use tprmp_drawing::{
+    AXES, Anchor, BLUE, Figure, GREEN, GREY, ORANGE, Panel, Picture, RED, Sign, Stroke, decades,
+};
 
 use crate::log::{Bridge, Row};
 use crate::record::Demonstration;
-use crate::report::STOPPING;
 use crate::scene::Scene;
 use crate::shape::PlanarPose;
-use crate::svg::{Axis, BLUE, GREEN, GREY, ORANGE, Plot, RED, Stroke};
 
-const WIDTH: f64 = 620.0;
-const CHART: DVec2 = DVec2::new(WIDTH, 250.0);
+/// Longest side of a map, and size of a graph over time \[px\].
+const MAP_PX: f64 = 600.0;
+const GRAPH_PX: DVec2 = DVec2::new(MAP_PX, 240.0);
 /// So often the obstacle is drawn, and how far apart in time \[s\].
-const MOMENTS: usize = 5;
-const MOMENT_S: f64 = 0.6;
+const SAMPLES: usize = 5;
+const SAMPLE_S: f64 = 0.6;
 /// Labels keep this distance from each other \[m\].
 const LABEL_M: f64 = 0.13;
 /// Length of a drawn frame axis \[m\].
 const AXIS_M: f64 = 0.16;
-/// A logarithmic chart ends there, where there are zeros \[its unit\].
-const LEAST: f64 = 1e-3;
+/// What counts as near the obstacle \[m\].
+const NEAR_M: f64 = 0.3;
+/// Ratio of the bounds of a bucket of the controller's histograms: 2^(1/8).
+const BUCKET_RATIO: f64 = 1.090_507_732_665_257_7;
+const DEMONSTRATION: Stroke = Stroke::solid(GREY, 1.2);
+const PATH: Stroke = Stroke::solid(BLUE, 2.6);
+const GOAL_PATH: Stroke = Stroke::dashed(ORANGE, 2.0);
+const NEAR_PATH: Stroke = Stroke::solid(RED, 2.6);
 
-/// All pictures of a run: their file name and their SVG.
+/// All pictures of a run; `rows` without those in which the controller leaves.
 pub(crate) fn pictures(
     rows: &[Row],
     bridge: &Bridge,
     scene: &Scene,
     demonstrations: &[Demonstration],
     controller: Option<&Value>,
-) -> Vec<(&'static str, String)> {
-    let driven: Vec<Row> = rows.iter().copied().filter(|r| r.life_cycle != STOPPING).collect();
+) -> Vec<Picture> {
     let mut pictures = Vec::new();
-    if driven.len() > 1 {
-        pictures.push(("path", path(&driven, bridge, demonstrations)));
-        if let Some(svg) = from_goal(&driven, bridge, demonstrations) {
-            pictures.push(("from_goal", svg));
-        }
-        pictures.push(("error", error(&driven, scene)));
-        pictures.push(("clearance", clearance(&driven)));
-        pictures.push(("limits", limits(&driven, bridge)));
+    let mut add = |name: &str, figure: Figure, caption: &str| {
+        pictures.push(Picture { name: name.into(), svg: figure.svg(), caption: caption.into() });
+    };
+    if rows.len() > 1 {
+        add(
+            "path",
+            path(rows, bridge, demonstrations),
+            "The obstacle is darker with time. The demonstrations are laid between the start frame and \
+             the last goal frame.",
+        );
+        add(
+            "from_goal",
+            from_goal(rows, bridge, demonstrations),
+            "The goal frame is held where it was at first, and all else moves around it.",
+        );
+        add("error", error(rows, scene), "");
+        add("clearance", clearance(rows), "");
+        add("limits", limits(rows, bridge), "");
     }
-    if let Some(svg) = controller.and_then(latency) {
-        pictures.push(("latency", svg));
+    if let Some(figure) = controller.and_then(latency) {
+        add("latency", figure, "In lockstep every state is of no age.");
     }
     pictures
 }
@@ -53,226 +68,194 @@ fn position(row: &Row) -> DVec2 {
     DVec2::new(row.x_m, row.y_m)
 }
 
+fn obstacle(row: &Row) -> DVec2 {
+    DVec2::new(row.obstacle_x_m, row.obstacle_y_m)
+}
+
 fn goal_frame(row: &Row) -> PlanarPose {
     let position_m = DVec2::new(row.goal_x_m, row.goal_y_m);
     PlanarPose { position_m, angle_rad: row.goal_angle_rad }
 }
 
-fn pose(frame: &PlanarPose) -> Pose {
-    Pose {
-        position: frame.position_m.extend(0.0),
-        orientation: DQuat::from_rotation_z(frame.angle_rad),
-    }
+/// Axes in metres around points, with a little room.
+fn map(labels: [&str; 2], points: impl IntoIterator<Item = DVec2>) -> Panel {
+    let ends = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    let (low, high) = points.into_iter().fold(ends, |(low, high), p| (low.min(p), high.max(p)));
+    let side = (high - low).max_element().max(1e-3);
+    let room = DVec2::splat(0.05 * side);
+    Panel::map("", labels, [low - room, high + room], MAP_PX / (1.1 * side))
 }
 
-fn at_rest(frame: &PlanarPose) -> MovingPose {
-    MovingPose::at_rest(pose(frame))
-}
+fn path(rows: &[Row], bridge: &Bridge, demonstrations: &[Demonstration]) -> Figure {
+    let frames = [("start", bridge.episode.start()), ("end", goal_frame(&rows[rows.len() - 1]))];
+    let [(_, start), (_, end)] = frames;
+    let demonstrations: Vec<_> = demonstrations.iter().map(|d| d.between(&start, &end)).collect();
+    let radius = bridge.episode.obstacle.radius_m;
+    let samples = samples(rows);
 
-fn at(point: DVec2) -> Canonical {
-    Canonical { position: point.extend(0.0), rotation: DVec3::ZERO }
-}
-
-/// The frame map of the start frame and a goal frame whose origin is the goal.
-fn map_between(start: &PlanarPose, goal: &PlanarPose) -> FrameMap {
-    let anchor = |index: usize, frame: &PlanarPose, phase| {
-        let frame = pose(frame);
-        Anchor { index, frame, point: frame.position, phase }
-    };
-    let anchors = [anchor(0, start, 0.0), anchor(1, goal, 1.0)];
-    FrameMap::new(&anchors, pose(goal), true).expect("their phases are in order")
-}
-
-/// A demonstration carried over to the frames of the run, as the skill carries it: the phase of a
-/// sample is taken as its fraction of the time.
-fn carried(demonstration: &Demonstration, start: &PlanarPose, goal: &PlanarPose) -> Vec<DVec2> {
-    let map = map_between(&demonstration.start, &demonstration.goal);
-    let displacement =
-        map.transforms(&[at_rest(start), at_rest(goal)]).expect("there are both frames");
-    let last = demonstration.points.len().max(2) - 1;
-    let forward = |(i, p): (usize, &DVec2)| {
-        let phase = i as f64 / last as f64;
-        map.forward(&displacement, phase, &at(*p)).position.truncate()
-    };
-    demonstration.points.iter().enumerate().map(forward).collect()
-}
-
-fn path(rows: &[Row], bridge: &Bridge, demonstrations: &[Demonstration]) -> String {
-    let start = bridge.episode.start();
-    let last = rows[rows.len() - 1];
-    let end = goal_frame(&last);
-    let shown: Vec<Vec<DVec2>> = demonstrations.iter().map(|d| carried(d, &start, &end)).collect();
-    let obstacle_radius = bridge.episode.obstacle.radius_m;
-    let moments = moments(rows);
-    let centre = |row: &Row| DVec2::new(row.obstacle_x_m, row.obstacle_y_m);
-
-    let mut points: Vec<DVec2> = shown.iter().flatten().copied().collect();
-    points.extend(rows.iter().flat_map(|r| [position(r), goal_frame(r).position_m]));
-    for moment in &moments {
-        let size = DVec2::splat(obstacle_radius);
-        points.extend([centre(moment) - size, centre(moment) + size]);
-    }
-    for frame in [start, end] {
-        points.extend(axis_tips(&frame));
-    }
+    let size = DVec2::splat(radius);
+    let balls = samples.iter().flat_map(|row| [obstacle(row) - size, obstacle(row) + size]);
+    let points = demonstrations.iter().flatten().copied();
+    let points = points.chain(rows.iter().flat_map(|r| [position(r), goal_frame(r).position_m]));
+    let tips = frames.iter().flat_map(|(_, frame)| axis_tips(frame));
     let labels = ["x in the base frame [m]", "y in the base frame [m]"];
-    let mut plot = Plot::map("The run in the world", labels, &points, WIDTH);
-    for (i, points) in shown.iter().enumerate() {
-        let label = (i == 0).then_some("demonstrations, carried to the last goal");
-        plot.line(points.iter().copied(), Stroke::solid(GREY, 1.2), label);
+    let mut panel = map(labels, points.chain(balls).chain(tips));
+    for points in demonstrations {
+        panel.line(points, &DEMONSTRATION);
     }
-    plot.disc_label(RED, "obstacle, darker with time");
-    plot.line(rows.iter().map(centre), Stroke::dashed(RED, 1.0), None);
-    for (i, moment) in moments.iter().enumerate() {
-        let opacity = 0.10 + 0.35 * i as f64 / (MOMENTS - 1) as f64;
-        plot.circle(centre(moment), obstacle_radius, RED, opacity);
+    panel.line(rows.iter().map(obstacle), &Stroke::dashed(RED, 1.0));
+    for (i, row) in samples.iter().enumerate() {
+        let fill = 0.10 + 0.35 * i as f64 / (SAMPLES - 1) as f64;
+        panel.circle(obstacle(row), radius, RED, fill);
     }
-    let goals = rows.iter().map(|r| goal_frame(r).position_m);
-    plot.line(goals, Stroke::dashed(ORANGE, 2.0), Some("goal"));
-    plot.line(rows.iter().map(position), Stroke::solid(BLUE, 2.6), Some("path of the point"));
-    for (frame, name) in [(start, "start"), (end, "end")] {
-        for tip in axis_tips(&frame) {
-            plot.line([frame.position_m, tip], Stroke::solid(GREEN, 2.0), None);
+    panel.line(rows.iter().map(|r| goal_frame(r).position_m), &GOAL_PATH);
+    panel.line(rows.iter().map(position), &PATH);
+    for (name, frame) in frames {
+        for (tip, colour) in axis_tips(&frame).into_iter().zip(AXES) {
+            panel.line([frame.position_m, tip], &Stroke::solid(colour, 2.4));
         }
-        plot.words(frame.position_m, DVec2::new(8.0, 16.0), GREEN, name);
+        panel.words(frame.position_m, DVec2::new(8.0, 18.0), Anchor::Start, name);
     }
+    label(&mut panel, &samples);
+    let legend = [
+        ("demonstration", Sign::Line(DEMONSTRATION)),
+        ("obstacle", Sign::Ellipse(RED)),
+        ("goal", Sign::Line(GOAL_PATH)),
+        ("path of the point", Sign::Line(PATH)),
+        ("frame", Sign::Frame(&AXES[..2])),
+    ];
+    Figure::single("The run in the world", legend, panel)
+}
+
+/// Writes the times of samples beside the point and the obstacle.
+fn label(panel: &mut Panel, samples: &[Row]) {
     let mut labelled: Vec<DVec2> = Vec::new();
-    for moment in &moments {
-        let label = format!("{:.1} s", moment.time_s);
-        plot.dot(position(moment), 3.6, BLUE);
+    for row in samples {
+        panel.dot(position(row), 3.6, BLUE);
         for (point, offset, colour) in [
-            (centre(moment), DVec2::new(-11.0, 4.0), RED),
-            (position(moment), DVec2::new(7.0, -6.0), BLUE),
+            (obstacle(row), DVec2::new(-11.0, 4.0), RED),
+            (position(row), DVec2::new(7.0, -6.0), BLUE),
         ] {
             // Words on words cannot be read.
             if labelled.iter().all(|other| (*other - point).length() > LABEL_M) {
-                plot.words(point, offset, colour, &label);
+                let at = panel.at(point) + offset;
+                panel.label(at, Anchor::Start, colour, &format!("{:.1} s", row.time_s));
                 labelled.push(point);
             }
         }
     }
-    plot.svg()
 }
 
-/// Moments about the closest approach to the obstacle, in order of time.
-fn moments(rows: &[Row]) -> Vec<Row> {
+/// Rows about the closest approach to the obstacle, in order of time.
+fn samples(rows: &[Row]) -> Vec<Row> {
     let least = rows.iter().map(|r| r.clearance_m).fold(f64::INFINITY, f64::min);
     let closest = rows.iter().position(|r| r.clearance_m <= least).unwrap_or(0);
     let step_s = (rows[rows.len() - 1].time_s - rows[0].time_s) / (rows.len() - 1) as f64;
-    let stride = (MOMENT_S / step_s.max(1e-6)).round().max(1.0) as usize;
-    (0..MOMENTS)
-        .filter_map(|i| rows.get((closest + i * stride).checked_sub(MOMENTS / 2 * stride)?))
+    let stride = (SAMPLE_S / step_s.max(1e-6)).round().max(1.0) as usize;
+    (0..SAMPLES)
+        .filter_map(|i| rows.get((closest + i * stride).checked_sub(SAMPLES / 2 * stride)?))
         .copied()
         .collect()
 }
 
 fn axis_tips(frame: &PlanarPose) -> [DVec2; 2] {
-    [0.0, 0.5 * std::f64::consts::PI]
-        .map(|turn| frame.position_m + AXIS_M * DVec2::from_angle(frame.angle_rad + turn))
+    [DVec2::X, DVec2::Y].map(|axis| frame.transform(AXIS_M * axis))
 }
 
-fn from_goal(rows: &[Row], bridge: &Bridge, demonstrations: &[Demonstration]) -> Option<String> {
-    let start = bridge.episode.start();
-    // The goal is held where it stood at the run's beginning.
-    let first = goal_frame(rows.first()?);
-    let seen: Vec<DVec2> = rows
-        .iter()
-        .map(|row| {
-            let goal = goal_frame(row);
-            let turn = DVec2::from_angle(first.angle_rad - goal.angle_rad);
-            first.position_m + turn.rotate(position(row) - goal.position_m)
-        })
-        .collect();
-    let shown: Vec<Vec<DVec2>> =
-        demonstrations.iter().map(|d| carried(d, &start, &first)).collect();
-    let points: Vec<DVec2> = shown.iter().flatten().chain(&seen).copied().collect();
+fn from_goal(rows: &[Row], bridge: &Bridge, demonstrations: &[Demonstration]) -> Figure {
+    let (start, first) = (bridge.episode.start(), goal_frame(&rows[0]));
+    let from_first = |row: &Row| first.transform(goal_frame(row).inverse_transform(position(row)));
+    let seen: Vec<DVec2> = rows.iter().map(from_first).collect();
+    let demonstrations: Vec<_> = demonstrations.iter().map(|d| d.between(&start, &first)).collect();
     let labels = ["x with the goal held still [m]", "y with the goal held still [m]"];
-    let mut plot = Plot::map("The run as seen from the goal", labels, &points, WIDTH);
-    for (i, points) in shown.iter().enumerate() {
-        let label = (i == 0).then_some("demonstrations");
-        plot.line(points.iter().copied(), Stroke::solid(GREY, 1.2), label);
+    let mut panel = map(labels, demonstrations.iter().flatten().chain(&seen).copied());
+    for points in demonstrations {
+        panel.line(points, &DEMONSTRATION);
     }
-    let near: Vec<DVec2> = rows
-        .iter()
-        .zip(&seen)
-        .filter(|(row, _)| row.clearance_m < NEAR_M)
-        .map(|(_, point)| *point)
-        .collect();
-    plot.line(seen.iter().copied(), Stroke::solid(BLUE, 2.6), Some("path of the point"));
-    if near.len() > 1 {
-        plot.line(near, Stroke::solid(RED, 2.6), Some("… within 0.3 m of the obstacle"));
+    panel.line(seen.iter().copied(), &PATH);
+    let near = rows.iter().zip(&seen).filter(|(row, _)| row.clearance_m < NEAR_M);
+    panel.line(near.map(|(_, point)| *point), &NEAR_PATH);
+    panel.star(first.position_m);
+    let legend = [
+        ("demonstration", Sign::Line(DEMONSTRATION)),
+        ("path of the point", Sign::Line(PATH)),
+        ("within 0.3 m of the obstacle", Sign::Line(NEAR_PATH)),
+        ("goal", Sign::Star),
+    ];
+    Figure::single("The run as seen from the goal", legend, panel)
+}
+
+/// Axes over the time of a run.
+fn graph(rows: &[Row], label: &str, [low, high]: [f64; 2]) -> Panel {
+    let range = [DVec2::new(0.0, low), DVec2::new(rows[rows.len() - 1].time_s, high)];
+    Panel::graph("", ["time [s]", label], range, GRAPH_PX)
+}
+
+/// A number of each row over time.
+fn series(rows: &[Row], of: impl Fn(&Row) -> f64) -> Vec<DVec2> {
+    rows.iter().map(|row| DVec2::new(row.time_s, of(row))).collect()
+}
+
+/// A graph of curves and a level that is not to be crossed.
+fn figure(
+    title: &str,
+    mut panel: Panel,
+    (limit, value, stroke): (&str, f64, Stroke),
+    curves: &[(&str, &'static str, Vec<DVec2>)],
+) -> Figure {
+    let last = curves[0].2.last().map_or(0.0, |p| p.x);
+    panel.line([0.0, last].map(|time| DVec2::new(time, value)), &stroke);
+    let mut legend = vec![(limit, Sign::Line(stroke))];
+    for (label, colour, points) in curves {
+        let stroke = Stroke::solid(colour, 2.2);
+        panel.line(points.iter().copied(), &stroke);
+        legend.push((label, Sign::Line(stroke)));
     }
-    plot.dot(first.position_m, 4.5, ORANGE);
-    plot.words(first.position_m, DVec2::new(8.0, 16.0), ORANGE, "goal");
-    Some(plot.svg())
+    Figure::single(title, legend, panel)
 }
 
-/// What counts as near the obstacle, in a picture \[m\].
-const NEAR_M: f64 = 0.3;
-
-fn time_axis(rows: &[Row]) -> Axis {
-    Axis::linear("time [s]", 0.0, rows[rows.len() - 1].time_s)
+fn error(rows: &[Row], scene: &Scene) -> Figure {
+    let limit_mm = 1e3 * scene.task.position_error_max_m;
+    let errors = series(rows, |row| 1e3 * (position(row) - goal_frame(row).position_m).length());
+    let least = errors.iter().map(|e| e.y.max(1e-3)).fold(limit_mm, f64::min);
+    let most = errors.iter().map(|e| e.y).fold(limit_mm, f64::max);
+    let panel = graph(rows, "distance from the moving goal [mm]", decades(least, most));
+    let limit = ("limit for success", limit_mm, Stroke::dashed(ORANGE, 1.6));
+    let curves = [("distance", BLUE, errors)];
+    figure("Distance from the goal", panel.logarithmic(false, true), limit, &curves)
 }
 
-fn error(rows: &[Row], scene: &Scene) -> String {
-    let errors: Vec<DVec2> = rows
-        .iter()
-        .map(|row| {
-            let distance = (position(row) - goal_frame(row).position_m).length();
-            DVec2::new(row.time_s, (1e3 * distance).max(LEAST))
-        })
-        .collect();
-    let limit = 1e3 * scene.task.position_error_max_m;
-    let least = errors.iter().map(|e| e.y).fold(limit, f64::min);
-    let most = errors.iter().map(|e| e.y).fold(limit, f64::max);
-    let y = Axis::logarithmic("distance from the moving goal [mm]", least, most);
-    let mut plot = Plot::new("Distance from the goal", time_axis(rows), y, CHART);
-    level(&mut plot, rows, limit, ORANGE, "limit for success");
-    plot.line(errors, Stroke::solid(BLUE, 2.2), Some("distance"));
-    plot.svg()
-}
-
-fn level(plot: &mut Plot, rows: &[Row], value: f64, colour: &'static str, label: &str) {
-    let ends = [0.0, rows[rows.len() - 1].time_s].map(|t| DVec2::new(t, value));
-    plot.line(ends, Stroke::dashed(colour, 1.6), Some(label));
-}
-
-fn clearance(rows: &[Row]) -> String {
-    let clearances: Vec<DVec2> =
-        rows.iter().map(|row| DVec2::new(row.time_s, row.clearance_m)).collect();
+fn clearance(rows: &[Row]) -> Figure {
+    let clearances = series(rows, |row| row.clearance_m);
     let least = clearances.iter().map(|c| c.y).fold(0.0, f64::min);
     let most = clearances.iter().map(|c| c.y).fold(0.1, f64::max);
-    let y = Axis::linear("clearance [m]", least, 1.05 * most);
-    let title = "Gap between point and obstacle";
-    let mut plot = Plot::new(title, time_axis(rows), y, CHART);
-    level(&mut plot, rows, 0.0, RED, "contact");
-    plot.line(clearances, Stroke::solid(BLUE, 2.2), Some("gap between the surfaces"));
-    plot.svg()
+    let panel = graph(rows, "clearance [m]", [least - 0.03 * most, 1.05 * most]);
+    let contact = ("contact", 0.0, Stroke::dashed(RED, 1.6));
+    let curves = [("gap between the surfaces", BLUE, clearances)];
+    figure("Gap between point and obstacle", panel, contact, &curves)
 }
 
-fn limits(rows: &[Row], bridge: &Bridge) -> String {
+fn limits(rows: &[Row], bridge: &Bridge) -> Figure {
     let percent = |values: [f64; 2], most: [f64; 2]| {
-        (100.0 * (values[0].abs() / most[0]).max(values[1].abs() / most[1])).max(0.01)
+        100.0 * (values[0].abs() / most[0]).max(values[1].abs() / most[1])
     };
-    let force = |r: &Row| percent([r.force_x_n, r.force_y_n], bridge.effort_max_n);
-    let speed = |r: &Row| percent([r.vx_m_s, r.vy_m_s], bridge.velocity_max_m_s);
-    let y = Axis::logarithmic("fraction of the limit [%]", 0.01, 100.0);
-    let mut plot = Plot::new("Forces and speeds against their limits", time_axis(rows), y, CHART);
-    let [force_limit, speed_limit] = [bridge.effort_max_n[0], bridge.velocity_max_m_s[0]];
-    level(&mut plot, rows, 100.0, RED, "limit");
-    let series = |f: &dyn Fn(&Row) -> f64| -> Vec<DVec2> {
-        rows.iter().map(|r| DVec2::new(r.time_s, f(r))).collect()
-    };
-    let label = format!("force, limit {force_limit} N");
-    plot.line(series(&force), Stroke::solid(BLUE, 2.0), Some(&label));
-    let label = format!("speed, limit {speed_limit} m/s");
-    plot.line(series(&speed), Stroke::solid(GREEN, 2.0), Some(&label));
-    plot.svg()
+    let (effort_max, velocity_max) = (bridge.effort_max_n, bridge.velocity_max_m_s);
+    let force = series(rows, |r| percent([r.force_x_n, r.force_y_n], effort_max));
+    let speed = series(rows, |r| percent([r.vx_m_s, r.vy_m_s], velocity_max));
+    let panel = graph(rows, "fraction of the limit [%]", [0.01, 130.0]).logarithmic(false, true);
+    let labels = [
+        format!("force, limit {} N", effort_max[0]),
+        format!("speed, limit {} m/s", velocity_max[0]),
+    ];
+    let curves = [(labels[0].as_str(), BLUE, force), (labels[1].as_str(), GREEN, speed)];
+    let limit = ("limit", 100.0, Stroke::dashed(RED, 1.6));
+    figure("Forces and speeds against their limits", panel, limit, &curves)
 }
 
 /// The controller's histograms: logarithmic buckets, eight an octave.
-fn latency(controller: &Value) -> Option<String> {
+fn latency(controller: &Value) -> Option<Figure> {
     let buckets = |key: &str| -> Option<Vec<(f64, f64)>> {
+        controller[key]["max"].as_f64().filter(|most| *most > 0.0)?;
         let buckets = controller["histograms"][key].as_array()?;
         buckets.iter().map(|b| Some((b[0].as_f64()?, b[1].as_f64()?))).collect()
     };
@@ -280,34 +263,24 @@ fn latency(controller: &Value) -> Option<String> {
         ("tick_us", BLUE, "computing a command"),
         ("state_age_us", ORANGE, "age of the state it used"),
     ];
-    // In lockstep every state is of no age.
-    let told = |key: &str| controller[key]["max"].as_f64().is_some_and(|most| most > 0.0);
-    let series: Vec<_> = series
-        .iter()
-        .filter(|(key, ..)| told(key))
-        .filter_map(|(key, colour, name)| Some((buckets(key)?, *colour, *name)))
-        .collect();
-    let all: Vec<(f64, f64)> = series.iter().flat_map(|(b, ..)| b).copied().collect();
-    let least = all.iter().map(|b| b.0).fold(f64::INFINITY, f64::min);
-    let most = all.iter().map(|b| b.0).fold(0.0, f64::max);
-    let tallest = all.iter().map(|b| b.1).fold(1.0, f64::max);
-    if all.is_empty() {
-        return None;
+    let series =
+        series.map(|(key, colour, label)| (buckets(key).unwrap_or_default(), colour, label));
+    let all = || series.iter().flat_map(|(buckets, ..)| buckets);
+    let least = all().map(|(upper, _)| upper / BUCKET_RATIO).reduce(f64::min)?;
+    let most = all().map(|(upper, _)| *upper).fold(0.0, f64::max);
+    let tallest = all().map(|(_, count)| *count).fold(1.0, f64::max);
+    let (times, ticks) = (decades(least, most), decades(1.0, tallest));
+    // A single tick is seen too.
+    let range = [DVec2::new(times[0], 0.6), DVec2::new(times[1], ticks[1])];
+    let mut panel =
+        Panel::graph("", ["time [µs]", "ticks"], range, GRAPH_PX).logarithmic(true, true);
+    let mut legend = Vec::new();
+    for (buckets, colour, label) in series.iter().filter(|(buckets, ..)| !buckets.is_empty()) {
+        let bar = |(upper, count): &(f64, f64)| {
+            [DVec2::new(upper / BUCKET_RATIO, 0.0), DVec2::new(*upper, *count)]
+        };
+        panel.bars(buckets.iter().map(bar), colour, 0.4);
+        legend.push((*label, Sign::Ellipse(colour)));
     }
-    let mut plot = Plot::new(
-        "Latency of the controller's loop",
-        Axis::logarithmic("time [µs]", least / EIGHTH_OCTAVE, most),
-        Axis::logarithmic("ticks", 1.0, tallest).from(0.6),
-        CHART,
-    );
-    for (buckets, colour, name) in series {
-        plot.disc_label(colour, name);
-        for (upper, count) in buckets {
-            plot.bar(upper / EIGHTH_OCTAVE, upper, count, colour);
-        }
-    }
-    Some(plot.svg())
+    Some(Figure::single("Latency of the controller's loop", legend, panel))
 }
-
-/// Ratio of a bucket's bounds: 2^(1/8).
-const EIGHTH_OCTAVE: f64 = 1.090_507_732_665_257_7;

@@ -30,6 +30,20 @@ pub(crate) struct Demonstration {
     pub(crate) points: Vec<DVec2>,
 }
 
+impl Demonstration {
+    /// The demonstration laid between other frames, as the expert lays a stroke: its start moves with the
+    /// start frame, its end with the goal frame \[m\].
+    pub(crate) fn between(&self, start: &PlanarPose, goal: &PlanarPose) -> Vec<DVec2> {
+        let last = self.points.len().max(2) - 1;
+        let point = |(i, point): (usize, &DVec2)| {
+            let with_start = start.transform(self.start.inverse_transform(*point));
+            let with_goal = goal.transform(self.goal.inverse_transform(*point));
+            with_start.lerp(with_goal, minimum_jerk(i as f64 / last as f64))
+        };
+        self.points.iter().enumerate().map(point).collect()
+    }
+}
+
 /// What the expert varies.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Variation {
@@ -45,7 +59,7 @@ pub(crate) struct Variation {
     pub(crate) shape_variation_m: f64,
 }
 
-/// What a demonstration file says beside the motion.
+/// What a demonstration file holds beside the motion.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Labels<'a> {
     pub(crate) skill: &'a str,
@@ -87,7 +101,7 @@ fn labels(scene: &Scene) -> Labels<'_> {
     }
 }
 
-/// What the expert shows of a scene's stroke with this seed.
+/// The expert's demonstrations of a scene's stroke with this seed.
 fn of_scene(scene: &Scene, seed: u64) -> Vec<Demonstration> {
     let settings = &scene.record;
     let variation = Variation {
@@ -102,22 +116,22 @@ fn of_scene(scene: &Scene, seed: u64) -> Vec<Demonstration> {
     demonstrate(&Stroke::lying_s(settings), &variation, &mut generator, minimum_jerk)
 }
 
-/// Shows a stroke between frames that differ from time to time; `pace` is the fraction of its length
-/// at a fraction of the duration.
+/// Demonstrates a stroke between frames that differ from time to time; `progress` is the fraction of its
+/// length at a fraction of the duration.
 pub(crate) fn demonstrate(
     stroke: &Stroke,
     settings: &Variation,
     generator: &mut ChaCha8Rng,
-    pace: impl Fn(f64) -> f64,
+    progress: impl Fn(f64) -> f64,
 ) -> Vec<Demonstration> {
     let shift = Range::around_zero(settings.position_variation_m);
-    let turn = Range::around_zero(settings.angle_variation_rad);
+    let rotation = Range::around_zero(settings.angle_variation_rad);
     let wave = Range::around_zero(settings.shape_variation_m / VARIATION_WAVES as f64);
     (0..settings.count)
         .map(|_| {
             let mut frame = |position: DVec2| PlanarPose {
                 position_m: position + DVec2::new(shift.draw(generator), shift.draw(generator)),
-                angle_rad: turn.draw(generator),
+                angle_rad: rotation.draw(generator),
             };
             let (start, goal) = (frame(stroke.start()), frame(stroke.end()));
             let waves: [DVec2; VARIATION_WAVES] =
@@ -125,7 +139,7 @@ pub(crate) fn demonstrate(
             let steps = settings.duration_s.draw(generator) / settings.sampling_time_s;
             let steps = steps.round() as usize;
             let point = |i: usize| {
-                let fraction = pace(i as f64 / steps as f64);
+                let fraction = progress(i as f64 / steps as f64);
                 stroke.between(&start, &goal, fraction) + variation(&waves, fraction)
             };
             Demonstration { start, goal, points: (0..=steps).map(point).collect() }
@@ -235,7 +249,19 @@ mod tests {
     }
 
     #[test]
-    fn a_seed_says_it_all_and_what_was_written_can_be_read() {
+    fn a_demonstration_between_other_frames_joins_them() {
+        let d = &of_scene(&scene(), 1)[0];
+        let own = d.between(&d.start, &d.goal);
+        assert!(own.iter().zip(&d.points).all(|(a, b)| (*a - *b).length() < 1e-12));
+        let start = PlanarPose { position_m: DVec2::new(-1.0, 0.3), angle_rad: 0.2 };
+        let goal = PlanarPose { position_m: DVec2::new(1.4, -0.1), angle_rad: -0.3 };
+        let moved = d.between(&start, &goal);
+        assert!((moved[0] - start.position_m).length() < 1e-12);
+        assert!((moved[moved.len() - 1] - goal.position_m).length() < 1e-12);
+    }
+
+    #[test]
+    fn a_seed_determines_all_and_what_was_written_can_be_read() {
         let scene = scene();
         let texts = |seed| -> Vec<String> {
             of_scene(&scene, seed).iter().map(|d| to_text(d, &labels(&scene))).collect()

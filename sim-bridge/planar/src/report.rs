@@ -1,19 +1,17 @@
 //! What came of a run: a table, `result.json` and `report.html`.
 
-use std::fmt::Write;
 use std::path::Path;
 
 use glam::DVec2;
 use serde::Serialize;
 use serde_json::{Value, json};
-use tprmp_messages::LifeCycle;
+use tprmp_drawing::{Page, Picture};
 
 use crate::error::{SimError, parse_json, write};
-use crate::log::{Bridge, Mode, Outcome, Row, load};
+use crate::log::{Bridge, Mode, Outcome, Row, before_stopping, load};
 use crate::pictures::pictures;
 use crate::record::read_folder;
 use crate::scene::Scene;
-use crate::svg::escape;
 
 /// Summary that the controller writes.
 pub(crate) const CONTROLLER_FILE: &str = "controller.json";
@@ -21,8 +19,6 @@ const RESULT_FILE: &str = "result.json";
 const REPORT_FILE: &str = "report.html";
 /// The error is the largest of the last so many seconds before the controller left.
 const ERROR_WINDOW_S: f64 = 0.5;
-/// The controller brakes in order to leave: no longer part of the task.
-pub(crate) const STOPPING: f64 = LifeCycle::Stopping as u32 as f64;
 
 /// The run in numbers: `result.json`.
 #[derive(Debug, Clone, Serialize)]
@@ -51,6 +47,7 @@ pub(crate) struct RunResult {
 /// Reports on a folder; gives whether the run succeeded.
 pub(crate) fn report(folder: &Path) -> Result<bool, SimError> {
     let (rows, bridge) = load(folder)?;
+    let rows = before_stopping(rows);
     let scene = Scene::read(Path::new(&bridge.scene))?;
     let demonstrations = read_folder(&scene.task.demonstrations, &scene)?;
     let controller = read_controller(&folder.join(CONTROLLER_FILE))?;
@@ -126,11 +123,10 @@ fn judge(rows: &[Row], bridge: &Bridge, scene: &Scene, controller: Option<&Value
     }
 }
 
-/// Largest distance from the moving goal in the last moments of the task \[m\].
+/// Largest distance from the moving goal in the last half second of the task \[m\].
 fn position_error_m(rows: &[Row]) -> Option<f64> {
-    let last = rows.iter().rposition(|row| row.life_cycle != STOPPING)?;
-    let since = rows[last].time_s - ERROR_WINDOW_S;
-    let window = rows[..=last].iter().filter(|row| row.time_s >= since);
+    let since = rows.last()?.time_s - ERROR_WINDOW_S;
+    let window = rows.iter().filter(|row| row.time_s >= since);
     let distance = |row: &Row| DVec2::new(row.x_m - row.goal_x_m, row.y_m - row.goal_y_m).length();
     window.map(distance).reduce(f64::max)
 }
@@ -179,51 +175,20 @@ fn table(result: &RunResult) -> Vec<(String, String)> {
     table.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
 }
 
-fn page(
-    result: &RunResult,
-    table: &[(String, String)],
-    pictures: &[(&'static str, String)],
-) -> String {
-    let (word, class) = if result.success { ("succeeded", "yes") } else { ("failed", "no") };
-    let mut html = format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>Planar run, seed {seed}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n\
-         <h1>Planar run, seed {seed} <span class=\"{class}\">{word}</span></h1>\n<table>\n",
-        seed = result.seed
-    );
-    for (name, value) in table {
-        let row = format!("<tr><th>{}</th><td>{}</td></tr>", escape(name), escape(value));
-        writeln!(html, "{row}").expect("a string grows");
-    }
-    html.push_str("</table>\n<main>\n");
-    for (name, svg) in pictures {
-        writeln!(html, "<figure id=\"{name}\">\n{svg}</figure>").expect("a string grows");
-    }
-    html.push_str("</main>\n</body>\n</html>\n");
-    html
+fn page(result: &RunResult, table: &[(String, String)], pictures: &[Picture]) -> String {
+    let mut page = Page::new(&format!("Planar run, seed {}", result.seed));
+    let word = if result.success { "succeeded" } else { "failed" };
+    page.verdict(Some(result.success), &format!("The run {word}."));
+    page.table(&[], table.iter().map(|(name, value)| vec![name.into(), value.into()]));
+    page.pictures(pictures);
+    page.html()
 }
-
-const STYLE: &str = "
-body { font: 15px/1.5 'Helvetica Neue', Helvetica, Arial, sans-serif; color: #22303c;
-  background: #f3f5f7; margin: 2rem auto; max-width: 1480px; padding: 0 1rem; }
-h1 { font-size: 1.5rem; }
-h1 span { font-size: 1rem; padding: .15em .7em; border-radius: 1em; color: white;
-  vertical-align: middle; }
-.yes { background: #00795a; } .no { background: #b3362e; }
-table { border-collapse: collapse; background: white; }
-th, td { text-align: left; padding: .25em 1em; border-bottom: 1px solid #e3e8ec; font-weight: 400; }
-td { font-variant-numeric: tabular-nums; }
-main { display: flex; flex-wrap: wrap; gap: 1rem; margin-top: 1rem; align-items: flex-start; }
-figure { margin: 0; background: white; border: 1px solid #e3e8ec; }
-svg { display: block; max-width: 100%; height: auto; }
-";
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::episode::tests::episode;
-    use crate::log::{Extremes, Timing, save};
+    use crate::log::{Extremes, STOPPING, Timing, save};
     use crate::scene::tests::FILE;
     use std::path::PathBuf;
 
@@ -322,12 +287,12 @@ mod tests {
         for name in ["path", "from_goal", "error", "clearance", "limits", "latency"] {
             assert!(html.contains(&format!("<figure id=\"{name}\">")), "{name}");
         }
-        assert_eq!(html.matches("</svg>").count(), 6);
+        assert_eq!(html.matches("role=\"img\"").count(), 6);
         assert!(!html.contains("NaN") && !html.contains("inf,"));
     }
 
     #[test]
-    fn every_failure_is_told() {
+    fn every_failure_is_reported() {
         type Edit = fn(&mut SyntheticRun);
         let cases: [(&str, Edit, &str); 5] = [
             ("far", |run| run.rows = SyntheticRun::new("farther", 0.01).rows.clone(), "missed by"),
@@ -357,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_without_a_run_is_told() {
+    fn a_folder_without_a_run_is_reported() {
         let error = report(Path::new("no/such/folder")).unwrap_err().to_string();
         assert!(error.contains("bridge.json") && error.contains("planar-sim run --out"), "{error}");
     }

@@ -259,9 +259,9 @@ impl Run {
                 self.status = Some(*status);
             }
             // One status a command; the last one, which leaves, has none in every case.
-            let told = self.stop_requested()
+            let reported = self.stop_requested()
                 || self.status.is_some_and(|status| status.ticks >= self.command.sequence);
-            if answered && told {
+            if answered && reported {
                 return true;
             }
             let now_ns = monotonic_ns();

@@ -71,7 +71,7 @@ pub(crate) struct StartSettings {
     pub(crate) angle_rad: Range,
 }
 
-/// The goal frame: on a circle about the end of the expert's stroke, turning to and fro.
+/// The goal frame: on a circle about the end of the expert's stroke, rotating to and fro.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct GoalSettings {
@@ -80,9 +80,9 @@ pub(crate) struct GoalSettings {
     pub(crate) circle_radius_m: f64,
     pub(crate) circle_speed_rad_s: Range,
     pub(crate) circle_phase_rad: Range,
-    pub(crate) turn_amplitude_rad: Range,
-    pub(crate) turn_speed_rad_s: Range,
-    pub(crate) turn_phase_rad: Range,
+    pub(crate) rotation_amplitude_rad: Range,
+    pub(crate) rotation_speed_rad_s: Range,
+    pub(crate) rotation_phase_rad: Range,
 }
 
 /// The obstacle: a ball that swings across the stroke.
@@ -121,9 +121,9 @@ pub(crate) struct RecordSettings {
     pub(crate) count: u32,
     /// From start to end.
     pub(crate) length_m: f64,
-    /// Of either bend.
+    /// Of either curve of the S.
     pub(crate) height_m: f64,
-    /// How far the bends lean over their middle.
+    /// How far the curves lean over their middle.
     pub(crate) overhang_m: f64,
     pub(crate) duration_s: Range,
     pub(crate) sampling_time_s: f64,
@@ -150,7 +150,18 @@ impl From<[f64; 2]> for Range {
 }
 
 impl Range {
-    /// Both ways from zero.
+    /// Refuses ends that are not numbers in order from `least` on.
+    pub(crate) fn require(&self, path: &Path, key: &str, least: f64) -> Result<(), SimError> {
+        let Self { low, high } = *self;
+        if low.is_finite() && high.is_finite() && low <= high && low >= least {
+            return Ok(());
+        }
+        let bound = if least.is_finite() { format!(" from {least}") } else { String::new() };
+        let problem = format!("expected [low, high] with low ≤ high{bound}, found [{low}, {high}]");
+        Err(SimError::key(path, key, problem))
+    }
+
+    /// To either side of zero.
     pub(crate) fn around_zero(most: f64) -> Self {
         Self { low: -most, high: most }
     }
@@ -163,12 +174,26 @@ impl Range {
     }
 }
 
+/// Refuses numbers that are not between their bounds: key, number, least, most.
+pub(crate) fn require_between(
+    path: &Path,
+    numbers: &[(&str, f64, f64, f64)],
+) -> Result<(), SimError> {
+    match numbers.iter().find(|(_, number, least, most)| !(least..=most).contains(&number)) {
+        None => Ok(()),
+        Some((key, number, least, most)) => {
+            let problem = format!("expected a number from {least} to {most}, found {number}");
+            Err(SimError::key(path, *key, problem))
+        }
+    }
+}
+
 #[derive(Deserialize)]
 struct Header {
     schema: Option<String>,
 }
 
-/// The schema first, so that a file of another version is told as such.
+/// The schema first, so that a file of another version is refused as such.
 pub(crate) fn require_schema(text: &str, path: &Path, expected: &str) -> Result<(), SimError> {
     let found = parse_json::<Header>(text, path)?.schema;
     if found.as_deref() == Some(expected) {
@@ -188,7 +213,8 @@ impl Scene {
     pub(crate) fn from_text(text: &str, path: &Path) -> Result<Self, SimError> {
         require_schema(text, path, SCHEMA)?;
         let mut scene: Self = parse_json(text, path)?;
-        scene.check(path)?;
+        scene.check_ranges(path)?;
+        scene.check_numbers(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         scene.robot.urdf = folder.join(&scene.robot.urdf);
         scene.task.demonstrations = folder.join(&scene.task.demonstrations);
@@ -196,7 +222,7 @@ impl Scene {
         Ok(scene)
     }
 
-    fn check(&self, path: &Path) -> Result<(), SimError> {
+    fn check_ranges(&self, path: &Path) -> Result<(), SimError> {
         let (start, goal, obstacle) = (&self.start, &self.goal, &self.obstacle);
         let (push, record) = (&self.push, &self.record);
         let any = f64::NEG_INFINITY;
@@ -208,9 +234,9 @@ impl Scene {
             ("goal.offset_y_m", goal.offset_y_m, any),
             ("goal.circle_speed_rad_s", goal.circle_speed_rad_s, any),
             ("goal.circle_phase_rad", goal.circle_phase_rad, any),
-            ("goal.turn_amplitude_rad", goal.turn_amplitude_rad, 0.0),
-            ("goal.turn_speed_rad_s", goal.turn_speed_rad_s, any),
-            ("goal.turn_phase_rad", goal.turn_phase_rad, any),
+            ("goal.rotation_amplitude_rad", goal.rotation_amplitude_rad, 0.0),
+            ("goal.rotation_speed_rad_s", goal.rotation_speed_rad_s, any),
+            ("goal.rotation_phase_rad", goal.rotation_phase_rad, any),
             ("obstacle.radius_m", obstacle.radius_m, 0.0),
             ("obstacle.crossing_fraction", obstacle.crossing_fraction, 0.0),
             ("obstacle.crossing_time_s", obstacle.crossing_time_s, 0.0),
@@ -222,14 +248,12 @@ impl Scene {
             ("push.time_s", push.time_s, 0.0),
             ("record.duration_s", record.duration_s, 0.5),
         ];
-        for (key, Range { low, high }, least) in ranges {
-            if !(low.is_finite() && high.is_finite() && low <= high && low >= least) {
-                let bound = if least == any { String::new() } else { format!(" from {least}") };
-                let problem =
-                    format!("expected [low, high] with low ≤ high{bound}, found [{low}, {high}]");
-                return Err(SimError::key(path, key, problem));
-            }
-        }
+        ranges.into_iter().try_for_each(|(key, range, least)| range.require(path, key, least))
+    }
+
+    fn check_numbers(&self, path: &Path) -> Result<(), SimError> {
+        let (goal, obstacle) = (&self.goal, &self.obstacle);
+        let (push, record) = (&self.push, &self.record);
         let numbers = [
             ("physics.rate_hz", f64::from(self.physics.rate_hz), 100.0, 10_000.0),
             ("physics.time_limit_s", self.physics.time_limit_s, 1.0, 600.0),
@@ -247,12 +271,7 @@ impl Scene {
             ("record.angle_variation_rad", record.angle_variation_rad, 0.0, 1.6),
             ("record.shape_variation_m", record.shape_variation_m, 0.0, 1.0),
         ];
-        for (key, value, low, high) in numbers {
-            if !(low..=high).contains(&value) {
-                let problem = format!("expected a number from {low} to {high}, found {value}");
-                return Err(SimError::key(path, key, problem));
-            }
-        }
+        require_between(path, &numbers)?;
         if 1_000_000_000 % self.physics.rate_hz != 0 {
             let problem = format!(
                 "expected a period of whole nanoseconds, e.g. 1000, found {}",
@@ -261,7 +280,7 @@ impl Scene {
             return Err(SimError::key(path, "physics.rate_hz", problem));
         }
         if obstacle.crossing_fraction.high > 1.0 {
-            let problem = "expected shares from 0 to 1";
+            let problem = "expected fractions from 0 to 1";
             return Err(SimError::key(path, "obstacle.crossing_fraction", problem));
         }
         Ok(())

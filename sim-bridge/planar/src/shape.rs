@@ -7,7 +7,7 @@ use glam::{DMat2, DVec2};
 use crate::scene::RecordSettings;
 use crate::spline::Spline;
 
-/// Points of the table that turns arc length into the curve's parameter.
+/// Points of the table from arc length to the curve's parameter.
 const TABLE_POINTS: usize = 2001;
 
 /// Position and angle about z of a planar frame, in the base frame `B`.
@@ -23,6 +23,11 @@ impl PlanarPose {
     /// A point given in this frame, in `B` \[m\].
     pub(crate) fn transform(&self, point: DVec2) -> DVec2 {
         self.position_m + DMat2::from_angle(self.angle_rad) * point
+    }
+
+    /// A point given in `B`, in this frame \[m\].
+    pub(crate) fn inverse_transform(&self, point: DVec2) -> DVec2 {
+        DMat2::from_angle(-self.angle_rad) * (point - self.position_m)
     }
 
     /// The frame's orientation as a quaternion w, x, y, z.
@@ -46,8 +51,8 @@ enum Curve {
     /// A lying S from (−length/2, 0) to (length/2, 0):
     /// x(s) = l (s − ½) − b sin 4πs, y(s) = −h sin 2πs.
     LyingS { length_m: f64, height_m: f64, overhang_m: f64 },
-    /// A spline through way points.
-    Drawn(Spline),
+    /// A spline through waypoints.
+    Spline(Spline),
 }
 
 impl Curve {
@@ -57,7 +62,7 @@ impl Curve {
                 length_m * (s - 0.5) - overhang_m * (4.0 * PI * s).sin(),
                 -height_m * (2.0 * PI * s).sin(),
             ),
-            Self::Drawn(spline) => spline.point(s),
+            Self::Spline(spline) => spline.point(s),
         }
     }
 }
@@ -69,9 +74,9 @@ impl Stroke {
         Self::along(Curve::LyingS { length_m, height_m, overhang_m })
     }
 
-    /// A smooth stroke through way points \[m\], of which neighbours lie apart.
-    pub(crate) fn through(way_points: &[DVec2]) -> Self {
-        Self::along(Curve::Drawn(Spline::through(way_points)))
+    /// A smooth stroke through waypoints \[m\], of which neighbours lie apart.
+    pub(crate) fn through(waypoints: &[DVec2]) -> Self {
+        Self::along(Curve::Spline(Spline::through(waypoints)))
     }
 
     fn along(curve: Curve) -> Self {

@@ -12,7 +12,7 @@ pub(crate) struct Spline {
     knots: Vec<f64>,
     points: Vec<DVec2>,
     /// Second derivatives at the points.
-    bends: Vec<DVec2>,
+    second_derivatives: Vec<DVec2>,
 }
 
 impl Spline {
@@ -24,8 +24,8 @@ impl Spline {
         }
         let whole = knots[knots.len() - 1];
         knots.iter_mut().for_each(|knot| *knot /= whole);
-        let bends = bends(&knots, points);
-        Self { knots, points: points.to_vec(), bends }
+        let second_derivatives = second_derivatives(&knots, points);
+        Self { knots, points: points.to_vec(), second_derivatives }
     }
 
     /// The point at a parameter between 0 and 1.
@@ -33,17 +33,18 @@ impl Spline {
         let i = self.knots.partition_point(|knot| *knot <= s).clamp(1, self.knots.len() - 1);
         let step = self.knots[i] - self.knots[i - 1];
         let (a, b) = ((self.knots[i] - s) / step, (s - self.knots[i - 1]) / step);
-        let bent = (a.powi(3) - a) * self.bends[i - 1] + (b.powi(3) - b) * self.bends[i];
-        a * self.points[i - 1] + b * self.points[i] + bent * (step * step / 6.0)
+        let [before, after] = [self.second_derivatives[i - 1], self.second_derivatives[i]];
+        let cubic = (a.powi(3) - a) * before + (b.powi(3) - b) * after;
+        a * self.points[i - 1] + b * self.points[i] + cubic * (step * step / 6.0)
     }
 }
 
-/// The second derivatives: a tridiagonal system, solved by elimination.
-fn bends(knots: &[f64], points: &[DVec2]) -> Vec<DVec2> {
+/// A tridiagonal system, solved by elimination.
+fn second_derivatives(knots: &[f64], points: &[DVec2]) -> Vec<DVec2> {
     let n = points.len();
     let step = |i: usize| knots[i + 1] - knots[i];
     let slope = |i: usize| (points[i + 1] - points[i]) / step(i);
-    // Rows of bends[i] + upper · bends[i + 1] = right.
+    // Rows of x[i] + upper x[i + 1] = right.
     let (mut upper, mut right) = (vec![0.0; n], vec![DVec2::ZERO; n]);
     for i in 1..n - 1 {
         let (before, after) = (step(i - 1), step(i));
@@ -51,11 +52,11 @@ fn bends(knots: &[f64], points: &[DVec2]) -> Vec<DVec2> {
         upper[i] = after / pivot;
         right[i] = (6.0 * (slope(i) - slope(i - 1)) - before * right[i - 1]) / pivot;
     }
-    let mut bends = vec![DVec2::ZERO; n];
+    let mut x = vec![DVec2::ZERO; n];
     for i in (1..n - 1).rev() {
-        bends[i] = right[i] - upper[i] * bends[i + 1];
+        x[i] = right[i] - upper[i] * x[i + 1];
     }
-    bends
+    x
 }
 
 #[cfg(test)]
@@ -74,9 +75,9 @@ mod tests {
         for knot in &spline.knots[1..4] {
             let at = |i: f64| spline.point(knot + i * h);
             let slopes = [(at(0.0) - at(-1.0)) / h, (at(1.0) - at(0.0)) / h];
-            let bends = [at(0.0) - 2.0 * at(-1.0) + at(-2.0), at(2.0) - 2.0 * at(1.0) + at(0.0)];
+            let curved = [at(0.0) - 2.0 * at(-1.0) + at(-2.0), at(2.0) - 2.0 * at(1.0) + at(0.0)];
             assert!((slopes[0] - slopes[1]).length() < 0.01 * slopes[0].length());
-            assert!((bends[0] - bends[1]).length() < 0.05 * bends[0].length().max(1e-9));
+            assert!((curved[0] - curved[1]).length() < 0.05 * curved[0].length().max(1e-9));
         }
     }
 

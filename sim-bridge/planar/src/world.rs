@@ -21,7 +21,7 @@ pub(crate) enum Drive {
     Brake,
 }
 
-/// Robot, situation and clock.
+/// Robot, episode and clock.
 #[derive(Debug)]
 pub(crate) struct World {
     chain: Chain<2>,
@@ -40,7 +40,7 @@ pub(crate) struct World {
 }
 
 impl World {
-    /// The situation of a seed, the point at rest at its start.
+    /// The episode of a seed, the point at rest at its start.
     pub(crate) fn new(scene: &Scene, seed: u64, with_push: bool) -> Result<Self, SimError> {
         let chain = Chain::<2>::from_urdf(&scene.robot.urdf, scene.robot.tool_link.as_str())?;
         let radius = chain.collision_shapes().iter().find_map(|shape| match shape.geometry {

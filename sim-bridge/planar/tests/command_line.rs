@@ -114,7 +114,7 @@ fn control(
 }
 
 #[test]
-fn bad_input_is_told_with_file_and_key() {
+fn bad_input_is_refused_with_file_and_key() {
     let folder = Folder::new("bad-input");
     let text = std::fs::read_to_string(SCENE).unwrap();
     let scene = folder.0.join("scene.json");
@@ -160,8 +160,8 @@ fn recorded_demonstrations_are_those_in_the_repository() {
 fn a_lockstep_run_is_the_same_twice_and_ends_when_the_controller_leaves() {
     let folder = Folder::new("lockstep");
     let mut recordings = Vec::new();
-    for turn in ["a", "b"] {
-        let (out, name) = (folder.0.join(turn), instance(turn));
+    for name in ["a", "b"] {
+        let (out, name) = (folder.0.join(name), instance(name));
         let commands = out.join("commands.bin").display().to_string();
         let mut run = start_run(&out, &name, &["--lockstep", "--record-commands", &commands]);
         let seen = control(&name, 500, 1400, |_, _| {});

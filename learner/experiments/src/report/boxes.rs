@@ -2,16 +2,14 @@
 
 use glam::DVec2;
 
-use super::{Picture, Run};
+use super::Run;
 use crate::metric::quantile;
 use crate::published::{Published, at, published};
 use crate::results::Row;
-use tprmp_drawing::colour::{BLUE, GREY, RED};
-use tprmp_drawing::svg::{Figure, Panel, Sign, Stroke};
+use tprmp_drawing::{
+    Anchor, BLUE, Figure, GREEN, GREY, ORANGE, PURPLE, Panel, Picture, RED, Sign, Stroke,
+};
 
-const ORANGE: &str = "#d98200";
-const GREEN: &str = "#009e73";
-const PURPLE: &str = "#8a4fa3";
 /// Size of the axes [px].
 const SIZE: DVec2 = DVec2::new(470.0, 300.0);
 /// What is smaller or larger is drawn at the edge: log10 of the axes.
@@ -211,7 +209,7 @@ impl Boxes {
         }
         let figure = Figure { title: self.title.into(), legend, rows: vec![panels], bar: None };
         Some(Picture {
-            title: self.title.into(),
+            name: self.title.into(),
             svg: figure.svg(),
             caption: self.caption(&rows, &xs, &policies, figures),
         })
@@ -248,7 +246,7 @@ impl Boxes {
             }
             if *x == 0.0 {
                 let at = DVec2::new(place(*x), DECADES[1]);
-                panel.words(at, DVec2::new(0.0, 4.0), "middle", "no K");
+                panel.words(at, DVec2::new(0.0, 4.0), Anchor::Middle, "no K");
             }
         }
         panel
@@ -289,7 +287,7 @@ impl Boxes {
                     let here = quantile(&own, 0.5)?;
                     Some(format!(
                         "{here:.3} ({median:.3}) at {}{}",
-                        tprmp_drawing::svg::number(x),
+                        tprmp_drawing::number(x),
                         self.unit
                     ))
                 })
@@ -420,7 +418,7 @@ fn successes(run: &Run, figures: &[Published]) -> Vec<Picture> {
     legend.push(("published".into(), Sign::Dot(INK_DOT)));
     let title = "Figure 5.14: obstacle that moves with the goal";
     let figure = Figure { title: title.into(), legend, rows: vec![vec![panel, clear]], bar: None };
-    vec![Picture { title: title.into(), svg: figure.svg(), caption: words }]
+    vec![Picture { name: title.into(), svg: figure.svg(), caption: words }]
 }
 
 /// Figure 5.12: time of a control iteration.
@@ -470,7 +468,7 @@ fn times(run: &Run, figures: &[Published]) -> Vec<Picture> {
         .collect();
     let title = "Figure 5.12: time of a control iteration, K = 5 … 15";
     let figure = Figure { title: title.into(), legend, rows: vec![rows], bar: None };
-    vec![Picture { title: title.into(), svg: figure.svg(), caption: words }]
+    vec![Picture { name: title.into(), svg: figure.svg(), caption: words }]
 }
 
 /// Energy and random starts.
@@ -523,5 +521,5 @@ fn stability(run: &Run) -> Vec<Picture> {
     let legend = ["canonical", "thesis"].map(|p| (p.into(), Sign::Dot(colour(p)))).to_vec();
     let title = "Stability: energy at 100 Hz and 1 kHz, random starts, accelerations";
     let figure = Figure { title: title.into(), legend, rows: vec![vec![panel]], bar: None };
-    vec![Picture { title: title.into(), svg: figure.svg(), caption: words }]
+    vec![Picture { name: title.into(), svg: figure.svg(), caption: words }]
 }

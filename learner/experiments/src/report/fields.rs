@@ -4,12 +4,11 @@ use glam::{DMat2, DVec2};
 use rayon::prelude::*;
 use tprmp_model::skill_model::{Manifold, SkillModel};
 
+use super::Run;
 use super::paths::{grid, panel, points};
-use super::{Picture, Run};
 use crate::dataset::SkillSet;
 use crate::models::Kind;
-use tprmp_drawing::colour::{Scale, of_phase};
-use tprmp_drawing::svg::{Panel, Sign, Stroke};
+use tprmp_drawing::{Panel, Picture, Scale, Sign, Stroke, of_phase};
 use tprmp_learner::canonical::pace::Pace;
 use tprmp_learner::plot::field::Grid;
 use tprmp_learner::plot::gallery;
@@ -69,13 +68,17 @@ fn of_model(run: &Run, set: &SkillSet, figures: &[(&str, &[&str])]) -> Vec<Pictu
     let Ok(gallery) = gallery(&trained.model, &set.demonstrations) else { return Vec::new() };
     let figure = |(title, names): &(&str, &[&str])| {
         let own: Vec<_> =
-            names.iter().filter_map(|name| gallery.iter().find(|(own, ..)| own == name)).collect();
-        let svg = own.iter().map(|(_, svg, _)| svg.as_str()).collect::<Vec<_>>().join("\n");
-        let captions = own.iter().map(|(.., caption)| caption.as_str()).collect::<Vec<_>>();
+            names.iter().filter_map(|name| gallery.iter().find(|own| own.name == *name)).collect();
+        let svg = own.iter().map(|picture| picture.svg.as_str()).collect();
+        let captions = own.iter().map(|picture| picture.caption.as_str()).collect::<Vec<_>>();
         (!own.is_empty()).then(|| Picture {
-            title: (*title).into(),
+            name: (*title).into(),
             svg,
-            caption: format!("Skill “{}”, default policy. {}", set.name, captions.join(" ")),
+            caption: format!(
+                "{title}. Skill “{}”, default policy. {}",
+                set.name,
+                captions.join(" ")
+            ),
         })
     };
     figures.iter().filter_map(figure).collect()
@@ -162,7 +165,7 @@ fn fields(run: &Run, kind: Kind) -> Vec<Picture> {
         );
         let panels = drawn.into_iter().map(|(panel, _)| panel).collect();
         let legend = vec![("demonstration".into(), Sign::Line(PATH)), ("goal".into(), Sign::Star)];
-        Some(Picture { svg: grid(&title, legend, panels), title, caption })
+        Some(Picture { svg: grid(&title, legend, panels), name: title, caption })
     };
     [false, true].into_iter().filter_map(figure).collect()
 }
@@ -177,13 +180,13 @@ fn shapes(run: &Run, set: &SkillSet) -> Vec<Picture> {
             background(&mut panel, scene, false);
             ellipses(&mut panel, scene);
             path(&mut panel, set);
-            let ratio = |g: &tprmp_drawing::projection::Ellipsoid| {
+            let ratio = |g: &tprmp_drawing::Ellipsoid| {
                 let c = g.covariance;
                 let flat = DMat2::from_cols(
                     DVec2::new(c.x_axis.x, c.x_axis.y),
                     DVec2::new(c.y_axis.x, c.y_axis.y),
                 );
-                let (axes, _) = tprmp_drawing::svg::principal_axes(flat);
+                let (axes, _) = tprmp_drawing::principal_axes(flat);
                 axes.x / axes.y.max(1e-9)
             };
             let all: Vec<f64> = scene.gaussians.iter().map(ratio).collect();
@@ -204,5 +207,5 @@ fn shapes(run: &Run, set: &SkillSet) -> Vec<Picture> {
         ratios.join(", ")
     );
     let legend = vec![("demonstration".into(), Sign::Line(PATH))];
-    vec![Picture { title: title.into(), svg: grid(title, legend, panels), caption }]
+    vec![Picture { name: title.into(), svg: grid(title, legend, panels), caption }]
 }

@@ -5,13 +5,12 @@ use rayon::prelude::*;
 use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::MovingPose;
 
-use super::{Picture, Run};
+use super::Run;
 use crate::dataset::SkillSet;
 use crate::models::Kind;
 use crate::protocol::{Bench, Case, Compared};
 use crate::world::Trace;
-use tprmp_drawing::colour::{BLUE, GREY, RED};
-use tprmp_drawing::svg::{Figure, Panel, Sign, Stroke};
+use tprmp_drawing::{BLUE, Figure, GREY, Panel, Picture, RED, Sign, Stroke};
 
 /// Skills in a row, and the side of a panel [px].
 const COLUMNS: usize = 5;
@@ -146,7 +145,7 @@ fn demonstrations(bench: &Bench, planar: &[usize]) -> Picture {
         ("demonstration".into(), Sign::Line(stroke(Kind::Canonical))),
         ("goal".into(), Sign::Star),
     ];
-    Picture { title: title.into(), svg: grid(title, legend, panels), caption }
+    Picture { name: title.into(), svg: grid(title, legend, panels), caption }
 }
 
 fn frame(panel: &mut Panel, pose: &tprmp_spatial::Pose) {
@@ -231,5 +230,5 @@ fn rollouts(
         ("demonstration".into(), Sign::Line(SHOWN)),
         ("goal's way".into(), Sign::Line(CIRCLE)),
     ];
-    Some(Picture { title: title.into(), svg: grid(title, legend, panels), caption })
+    Some(Picture { name: title.into(), svg: grid(title, legend, panels), caption })
 }

@@ -1,4 +1,4 @@
-//! Drawings: strokes that a person gave as way points, shown by the scripted expert as skills.
+//! Drawings: strokes given as waypoints, demonstrated by the scripted expert as skills.
 
 use std::path::Path;
 
@@ -8,15 +8,17 @@ use rand_chacha::rand_core::SeedableRng;
 use serde::Deserialize;
 
 use crate::error::{SimError, parse_json, read_text};
-use crate::record::{Labels, Variation, demonstrate, write_all};
-use crate::scene::{Range, require_schema};
+use crate::record::{Demonstration, Labels, Variation, demonstrate, write_all};
+use crate::scene::{Range, require_between, require_schema};
 use crate::shape::{Stroke, minimum_jerk};
 
 /// Schema this module reads.
 const SCHEMA: &str = "tprmp-drawings/1";
-/// Steps of the table that turns time into arc length.
+/// A stroke that is drawn more slowly would have no end \[m/s\].
+const SPEED_MIN_M_S: f64 = 1e-6;
+/// Steps of the table from time to arc length.
 const TABLE_STEPS: usize = 2000;
-/// Where the way is bent less than by this, the speed does not depend on it \[1/m\].
+/// Where the path is curved less than this, the speed does not depend on it \[1/m\].
 const CURVATURE_SOFTENING_1_M: f64 = 1.0;
 /// Half the distance over which the curvature is taken, as a fraction of the length.
 const CURVATURE_FRACTION: f64 = 0.01;
@@ -65,24 +67,17 @@ impl Drawings {
     }
 
     fn check(&self, path: &Path) -> Result<(), SimError> {
-        let Range { low, high } = self.mean_speed_m_s;
-        if !(low > 0.0 && low <= high && high.is_finite()) {
-            let problem =
-                format!("expected [low, high] with 0 < low ≤ high, found [{low}, {high}]");
-            return Err(SimError::key(path, "mean_speed_m_s", problem));
-        }
-        for (key, value, low, high) in [
-            ("count", f64::from(self.count), 1.0, 99.0),
-            ("sampling_time_s", self.sampling_time_s, 0.001, 0.1),
-            ("position_variation_m", self.position_variation_m, 0.0, 2.0),
-            ("angle_variation_rad", self.angle_variation_rad, 0.0, 1.6),
-            ("shape_variation_m", self.shape_variation_m, 0.0, 1.0),
-        ] {
-            if !(low..=high).contains(&value) {
-                let problem = format!("expected a number from {low} to {high}, found {value}");
-                return Err(SimError::key(path, key, problem));
-            }
-        }
+        self.mean_speed_m_s.require(path, "mean_speed_m_s", SPEED_MIN_M_S)?;
+        require_between(
+            path,
+            &[
+                ("count", f64::from(self.count), 1.0, 99.0),
+                ("sampling_time_s", self.sampling_time_s, 0.001, 0.1),
+                ("position_variation_m", self.position_variation_m, 0.0, 2.0),
+                ("angle_variation_rad", self.angle_variation_rad, 0.0, 1.6),
+                ("shape_variation_m", self.shape_variation_m, 0.0, 1.0),
+            ],
+        )?;
         for (i, drawing) in self.drawings.iter().enumerate() {
             let fail = |key: &str, problem: String| {
                 Err(SimError::key(path, format!("drawings[{i}].{key}"), problem))
@@ -101,13 +96,14 @@ impl Drawings {
             }
             let points = &drawing.way_points_m;
             if points.len() < 2 {
-                let problem = format!("expected at least 2 way points, found {}", points.len());
+                let problem = format!("expected at least 2 waypoints, found {}", points.len());
                 return fail("way_points_m", problem);
             }
             let apart =
                 |pair: &[[f64; 2]]| (DVec2::from(pair[1]) - DVec2::from(pair[0])).length() > 1e-3;
             if let Some(k) = points.windows(2).position(|pair| !apart(pair)) {
-                let problem = format!("expected neighbours apart, found {k} and {} at one", k + 1);
+                let problem =
+                    format!("expected neighbours apart, found {k} and {} at one place", k + 1);
                 return fail("way_points_m", problem);
             }
         }
@@ -126,13 +122,13 @@ pub(crate) fn draw(file: &Path, seed: u64, out: &Path) -> Result<(), SimError> {
             goal_frame: &drawings.goal_frame,
             sampling_time_s: drawings.sampling_time_s,
         };
-        write_all(&show(&drawings, drawing, seed), &labels, &out.join(&drawing.skill))?;
+        write_all(&of_drawing(&drawings, drawing, seed), &labels, &out.join(&drawing.skill))?;
     }
     Ok(())
 }
 
-/// What the expert shows of a drawing with this seed.
-fn show(drawings: &Drawings, drawing: &Drawing, seed: u64) -> Vec<crate::record::Demonstration> {
+/// The expert's demonstrations of a drawing with this seed.
+fn of_drawing(drawings: &Drawings, drawing: &Drawing, seed: u64) -> Vec<Demonstration> {
     let points: Vec<DVec2> = drawing.way_points_m.iter().map(|p| DVec2::from(*p)).collect();
     let stroke = Stroke::through(&points);
     let length = stroke.length_m();
@@ -145,11 +141,11 @@ fn show(drawings: &Drawings, drawing: &Drawing, seed: u64) -> Vec<crate::record:
         angle_variation_rad: drawings.angle_variation_rad,
         shape_variation_m: drawings.shape_variation_m,
     };
-    let pace = Pace::new(&stroke);
+    let profile = SpeedProfile::new(&stroke);
     // A stream of its own: a drawing that is added changes no other.
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
     generator.set_stream(fnv1a(&drawing.skill));
-    demonstrate(&stroke, &variation, &mut generator, |time| pace.fraction(time))
+    demonstrate(&stroke, &variation, &mut generator, |time| profile.fraction(time))
 }
 
 /// FNV-1a hash: the same on every machine and with every version of the compiler.
@@ -158,14 +154,14 @@ fn fnv1a(text: &str) -> u64 {
     text.bytes().fold(0xcbf2_9ce4_8422_2325, step)
 }
 
-/// How a hand moves along a stroke: slower where it is bent, v ∝ (κ² + κ₀²)^(−1/6), the two-thirds
+/// How a hand moves along a stroke: slower where it is curved, v ∝ (κ² + κ₀²)^(−1/6), the two-thirds
 /// power law [Viviani and Schneider 1991], and from rest to rest.
-struct Pace {
+struct SpeedProfile {
     /// Fraction of the time, without the rests, at σ = i/n.
     times: Vec<f64>,
 }
 
-impl Pace {
+impl SpeedProfile {
     fn new(stroke: &Stroke) -> Self {
         let slowness = |fraction: f64| {
             let h = CURVATURE_FRACTION;
@@ -196,6 +192,7 @@ impl Pace {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shape::PlanarPose;
 
     const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/drawings.json");
     const UNSEEN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/drawings_unseen.json");
@@ -206,8 +203,8 @@ mod tests {
             let drawings = Drawings::read(Path::new(file)).unwrap();
             assert!(drawings.drawings.len() >= least && drawings.count >= 3);
             for drawing in &drawings.drawings {
-                let shown = show(&drawings, drawing, 1);
-                for d in &shown {
+                let demonstrations = of_drawing(&drawings, drawing, 1);
+                for d in &demonstrations {
                     let last = d.points.len() - 1;
                     assert!((d.points[0] - d.start.position_m).length() < 1e-9);
                     assert!((d.points[last] - d.goal.position_m).length() < 1e-9);
@@ -219,12 +216,12 @@ mod tests {
                     assert!(speeds[0] < 0.02 && speeds[last - 1] < 0.02);
                     assert!(fastest < 3.0, "{}: {fastest} m/s", drawing.skill);
                 }
-                let frames_differ = |a: &crate::shape::PlanarPose, b: &crate::shape::PlanarPose| {
+                let frames_differ = |a: &PlanarPose, b: &PlanarPose| {
                     (a.position_m - b.position_m).length() > 1e-3
                         && (a.angle_rad - b.angle_rad).abs() > 1e-4
                 };
-                assert!(frames_differ(&shown[0].start, &shown[1].start));
-                assert!(frames_differ(&shown[0].goal, &shown[1].goal));
+                assert!(frames_differ(&demonstrations[0].start, &demonstrations[1].start));
+                assert!(frames_differ(&demonstrations[0].goal, &demonstrations[1].goal));
             }
         }
     }
@@ -233,24 +230,24 @@ mod tests {
     fn a_drawing_that_is_added_changes_no_other() {
         let mut drawings = Drawings::read(Path::new(FILE)).unwrap();
         let last = drawings.drawings.last().unwrap().clone();
-        let before = show(&drawings, &last, 3);
+        let before = of_drawing(&drawings, &last, 3);
         let way_points_m = vec![[0.0, 0.0], [1.0, 0.2], [2.0, 0.0]];
         drawings.drawings.insert(0, Drawing { skill: "new".into(), way_points_m });
-        let after = show(&drawings, drawings.drawings.last().unwrap(), 3);
+        let after = of_drawing(&drawings, drawings.drawings.last().unwrap(), 3);
         assert!(before.iter().zip(&after).all(|(a, b)| a.points == b.points));
-        assert!(show(&drawings, &last, 4)[0].points != before[0].points);
+        assert!(of_drawing(&drawings, &last, 4)[0].points != before[0].points);
     }
 
     #[test]
-    fn a_hand_is_slower_where_the_way_is_bent() {
+    fn a_hand_is_slower_where_the_path_is_curved() {
         let corner = [(0.0, 0.0), (0.9, 0.0), (1.0, 0.05), (1.0, 0.2), (1.0, 1.0)];
         let stroke = Stroke::through(&corner.map(DVec2::from));
-        let pace = Pace::new(&stroke);
-        let slowness = |i: usize| pace.times[i + 1] - pace.times[i];
+        let profile = SpeedProfile::new(&stroke);
+        let slowness = |i: usize| profile.times[i + 1] - profile.times[i];
         assert!(slowness(TABLE_STEPS / 2) > 1.2 * slowness(TABLE_STEPS / 5));
-        assert!(pace.fraction(0.0).abs() < 1e-12 && (pace.fraction(1.0) - 1.0).abs() < 1e-12);
-        let shares: Vec<f64> = (0..=50).map(|i| pace.fraction(f64::from(i) / 50.0)).collect();
-        assert!(shares.windows(2).all(|pair| pair[0] < pair[1]));
+        assert!(profile.fraction(0.0).abs() < 1e-12 && (profile.fraction(1.0) - 1.0).abs() < 1e-12);
+        let fractions: Vec<f64> = (0..=50).map(|i| profile.fraction(f64::from(i) / 50.0)).collect();
+        assert!(fractions.windows(2).all(|pair| pair[0] < pair[1]));
     }
 
     #[test]
