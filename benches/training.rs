@@ -10,7 +10,7 @@ use tprmp_bench::results::{self, Verdict};
 use tprmp_learner::demonstration::{Demonstration, read_folder};
 use tprmp_learner::mixture::components::choose;
 use tprmp_learner::skill::Skill;
-use tprmp_learner::train::learn;
+use tprmp_learner::train::{Step, learn};
 use tprmp_spatial::Pose;
 
 /// Times each is measured.
@@ -83,7 +83,7 @@ fn measure(
         let fitting = trained
             .times
             .iter()
-            .filter(|(step, _)| !["demonstrated starts", "certificate"].contains(step));
+            .filter(|(step, _)| ![Step::DemonstratedStarts, Step::Certificate].contains(step));
         fits.push(fitting.map(|(_, time)| *time).sum());
         let since = Instant::now();
         choose(&skill, &shown, SEED, 2..=20, &mut |_| {}).expect("some number can be learned");

@@ -9,7 +9,7 @@
 pub mod canonical;
 pub mod certify;
 pub mod demonstration;
-pub mod error;
+pub mod file_error;
 pub mod fit;
 pub mod import;
 pub mod mixture;

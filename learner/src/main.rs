@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use clap::{Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
-use tprmp_learner::error::LearnerError;
+use tprmp_learner::file_error::FileError;
 use tprmp_learner::import::{Interpolation, Selection, import};
 use tprmp_learner::mixture::components::Components;
 use tprmp_learner::{plot, record, report, train};
@@ -155,7 +155,29 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(command: Command) -> Result<(), LearnerError> {
+/// What a command may fail with besides its own errors.
+#[derive(Debug, thiserror::Error)]
+enum CommandError {
+    /// The learned skill fails its certificate.
+    #[error(
+        "the learned skill fails its certificate in {} point{}, first: {}; nothing was written. Heed the \
+         warnings above; another `mixture.components` may help; the thesis' policy seldom holds a \
+         certificate, `fit: Canonical` mostly does; --allow-uncertified writes the model all \
+         the same",
+        failures.len(),
+        if failures.len() == 1 { "" } else { "s" },
+        failures.first().map_or("", String::as_str)
+    )]
+    Uncertified {
+        /// What failed.
+        failures: Vec<String>,
+    },
+    /// A report cannot be written.
+    #[error("standard output cannot be written: {0}")]
+    Output(std::io::Error),
+}
+
+fn run(command: Command) -> Result<(), Box<dyn std::error::Error>> {
     match command {
         Command::Train {
             skill,
@@ -176,14 +198,14 @@ fn run(command: Command) -> Result<(), LearnerError> {
             print(&report::trained(&trained))?;
             let failures = &trained.model.certificate.failures;
             if !(failures.is_empty() || allow_uncertified) {
-                return Err(LearnerError::Uncertified { failures: failures.clone() });
+                return Err(CommandError::Uncertified { failures: failures.clone() }.into());
             }
             skill_model::write(&trained.model, &out)?;
             print(&format!("wrote      {}\n", out.display()))?;
             if let Some(choice) = &trained.choice {
                 let path = out.with_extension("bic.svg");
                 std::fs::write(&path, plot::choice(choice))
-                    .map_err(|source| LearnerError::Write { path: path.clone(), source })?;
+                    .map_err(|source| FileError::Write { path: path.clone(), source })?;
                 print(&format!("wrote      {}\n", path.display()))?;
             }
         }
@@ -228,10 +250,10 @@ fn run(command: Command) -> Result<(), LearnerError> {
 
 /// Writes to standard output. A reader that has gone away, as in `learner inspect … | head`, is no
 /// reason to fail.
-fn print(text: &str) -> Result<(), LearnerError> {
+fn print(text: &str) -> Result<(), CommandError> {
     let mut out = std::io::stdout();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(LearnerError::Output(error)),
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(CommandError::Output(error)),
         _ => Ok(()),
     }
 }

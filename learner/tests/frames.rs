@@ -15,7 +15,7 @@ use tprmp_learner::canonical::canonicalise;
 use tprmp_learner::certify::policy::Learned;
 use tprmp_learner::certify::rollout::{Course, follow};
 use tprmp_learner::demonstration::Demonstration;
-use tprmp_learner::mixture::tp_gmm::{frames, uninformative_frames};
+use tprmp_learner::mixture::tp_gmm::uninformative_frames;
 use tprmp_learner::skill::{FitSettings, Skill};
 use tprmp_learner::train::{Trained, learn};
 use tprmp_model::skill_model::{FrameMixture, Manifold, SkillModel};
@@ -111,9 +111,10 @@ fn near(
         }
     };
     let demonstration = &shown[1];
-    let frames = frames(skill, demonstration)
+    let frames = skill
+        .frames(demonstration)
         .iter()
-        .map(|(_, frame)| beside(frame, transforms, transforms))
+        .map(|frame| beside(frame, transforms, transforms))
         .collect();
     let pose = beside(&demonstration.poses[70], 0.07, 0.2);
     let velocity = motion(skill.manifold, ball(0.3), DVec3::ZERO).position;
@@ -388,7 +389,7 @@ fn a_third_frame_is_learned_from_too() {
 
         // A product of Gaussians follows the box; the canonical policy leaves out a frame in which the
         // demonstrations agree no better than in start and goal frame.
-        let frames: Vec<_> = frames(&skill, &shown[1]).into_iter().map(|frame| frame.1).collect();
+        let frames = skill.frames(&shown[1]);
         let mut displaced = frames.clone();
         displaced[2].position.y += 0.1;
         let at = |frames: &[Pose]| {
@@ -434,8 +435,7 @@ fn a_frame_on_the_way_is_passed_wherever_it_is() {
 
         let policy = Learned::new(&model).unwrap();
         for aside in [DVec3::ZERO, DVec3::new(0.2, -0.1, 0.0), DVec3::new(-0.1, 0.3, 0.0)] {
-            let mut frames: Vec<_> =
-                frames(&skill, &shown[0]).into_iter().map(|frame| frame.1).collect();
+            let mut frames: Vec<_> = skill.frames(&shown[0]);
             frames[2].position += aside;
             let start = shown[0].poses[0];
             let goal = goal(&model, &frames);

@@ -11,7 +11,7 @@ use folder::Folder;
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 use tprmp_learner::demonstration::{Demonstration, read};
-use tprmp_learner::error::LearnerError;
+use tprmp_learner::file_error::FileError;
 use tprmp_learner::import::{Selection, import};
 use tprmp_model::skill_model::Manifold;
 
@@ -44,7 +44,7 @@ fn write(folder: &Folder, name: &str, bytes: &[u8]) -> PathBuf {
     path
 }
 
-fn imported(path: &Path, selection: &Selection) -> Result<Vec<PathBuf>, LearnerError> {
+fn imported(path: &Path, selection: &Selection) -> Result<Vec<PathBuf>, FileError> {
     import(path, &path.parent().unwrap().join("out"), selection)
 }
 

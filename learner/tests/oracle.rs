@@ -8,6 +8,7 @@ use tprmp_learner::fit::targets::BlockPath;
 use tprmp_learner::fit::{fit, shape};
 use tprmp_learner::mixture::tp_gmm::Samples;
 use tprmp_learner::skill::{FieldSettings, FitSettings, Skill};
+use tprmp_model::skill_model::{Figure, Program, ProgramStatus};
 
 #[derive(Deserialize)]
 struct Oracle {
@@ -82,13 +83,13 @@ fn the_fit_agrees_with_an_independent_one() {
         })
         .collect();
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
-    let fitted = fit("position", shape, &paths, settings, &mut random).unwrap();
+    let fitted = fit(Program::PositionField, shape, &paths, settings, &mut random).unwrap();
     let figures = &fitted.figures;
-    assert_eq!(figures.status, "Solved");
+    assert_eq!(figures.status, ProgramStatus::Solved);
     let [found, expected] = [figures.objective, oracle.objective];
     assert!((found / expected - 1.0).abs() < 1e-6, "{found} {expected} {figures:?}");
     assert!((figures.residual - oracle.residual).abs() < 1e-6);
-    let hinge = figures.figures.iter().find(|(name, _)| name == "hinge").unwrap().1;
+    let hinge = figures.figure(Figure::Hinge).unwrap();
     assert!((hinge - oracle.hinge).abs() < 1e-6);
 
     let largest = oracle.parameters.iter().fold(0.0_f64, |m, p| m.max(p.abs()));

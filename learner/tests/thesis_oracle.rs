@@ -6,7 +6,9 @@ use nalgebra::{Matrix2, Vector2};
 use serde::Deserialize;
 use tprmp_learner::fit::thesis::{Sample, Shown, fit_damping, fit_potential};
 use tprmp_learner::skill::{DampingTarget, ThesisSettings};
-use tprmp_model::skill_model::{FrameGaussian, FrameMixture, ThesisModel, product_skill};
+use tprmp_model::skill_model::{
+    FrameGaussian, FrameMixture, ProgramStatus, ThesisModel, product_skill,
+};
 use tprmp_rmpflow::policy::thesis::gaussian_field::GaussianField;
 use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
 use tprmp_spatial::{MovingPose, Pose};
@@ -184,7 +186,7 @@ fn the_potentials_agree_with_eq_4_15_and_4_16() {
     let oracle = Oracle::read();
     let shown = oracle.shown(&vec![0.0; oracle.potentials.len()]);
     let (potentials, figures) = fit_potential(&shown).unwrap();
-    assert_eq!(figures.status, "Solved");
+    assert_eq!(figures.status, ProgramStatus::Solved);
     assert!((figures.residual / oracle.potential_objective - 1.0).abs() < 1e-7);
     assert!((figures.objective / oracle.potential_objective - 1.0).abs() < 1e-7);
     assert_near(&potentials, &oracle.potentials, 2e-4);
@@ -202,7 +204,7 @@ fn the_damping_agrees_with_eq_4_17_to_4_21() {
     for expected in &oracle.damping {
         let some = &shown[..expected.demonstrations];
         let (damping, figures) = fit_damping(some, &oracle.settings(expected.target)).unwrap();
-        assert_eq!(figures.status, "Solved");
+        assert_eq!(figures.status, ProgramStatus::Solved);
         assert!((figures.residual - expected.objective).abs() < 1e-6, "{}", figures.residual);
         // As many equations as demonstrations leave the rest open.
         if expected.target == DampingTarget::EnergyProfile {

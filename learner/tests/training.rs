@@ -7,15 +7,16 @@ use std::process::{Command, Output};
 use common::{Folder, arcs, skill, skill_text};
 use glam::{DQuat, DVec3};
 use tprmp_learner::demonstration::Demonstration;
-use tprmp_learner::error::LearnerError;
 use tprmp_learner::mixture::components::Components;
 use tprmp_learner::report;
 use tprmp_learner::skill::Initialisation;
-use tprmp_learner::train::{Trained, learn, train};
-use tprmp_model::skill_model::{self, FieldModel, Manifold, Policy, to_text};
+use tprmp_learner::train::{TrainError, Trained, learn, train};
+use tprmp_model::skill_model::{
+    self, FieldModel, Figure, Manifold, Policy, ProgramStatus, to_text,
+};
 use tprmp_spatial::Pose;
 
-fn learned(template: &str, shown: &[Demonstration]) -> Result<Trained, LearnerError> {
+fn learned(template: &str, shown: &[Demonstration]) -> Result<Trained, TrainError> {
     learn(&skill(template), shown, 1, &mut |_| {})
 }
 
@@ -32,7 +33,7 @@ fn check(trained: &Trained, rms_max_m: f64, rms_max_rad: f64) {
     let (fit, certificate) = (&trained.model.fit, &trained.model.certificate);
     assert!(certificate.holds(), "{:?}", certificate.failures);
     for (program, block) in fit.programs.iter().zip(&certificate.blocks) {
-        assert_eq!(program.status, "Solved");
+        assert_eq!(program.status, ProgramStatus::Solved);
         assert!(block.goal_hessian_min_1_s2 > 5.99 && block.goal_gradient < 1e-9, "{block:?}");
         assert!(block.metric_eigenvalue_min > 0.0);
         let valley = block.valley.unwrap();
@@ -97,8 +98,7 @@ fn an_orientation_that_hardly_moves_still_has_a_strict_attractor() {
     }
     let trained = learned("pick.ron", &shown).unwrap();
     check(&trained, 0.02, 0.05);
-    let figures = &trained.model.fit.programs[1].figures;
-    let scale = figures.iter().find(|(name, _)| name == "normalised units a unit").unwrap().1;
+    let scale = trained.model.fit.programs[1].figure(Figure::LengthScale).unwrap();
     assert!(scale < 3.0, "noise is not blown up: {scale}");
 }
 

@@ -27,10 +27,15 @@
 mod evaluated;
 mod field;
 mod file;
+mod fit;
 mod validate;
 
 pub use evaluated::{EvaluationError, product_skill};
 pub use file::{ModelError, read, sha256_hex, to_text, write};
+pub use fit::{
+    ActiveConstraints, Constraints, DemonstrationRollout, Figure, Fit, Program, ProgramFit,
+    ProgramStatus,
+};
 
 use serde::{Deserialize, Serialize};
 
@@ -286,52 +291,6 @@ pub struct Gaussian {
     pub covariance: Vec<Vec<f64>>,
 }
 
-/// Figures of the fit. No time stands here: same input and seed give the same bytes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Fit {
-    /// Expectation maximisation: iterations.
-    pub em_iterations: u32,
-    /// Mean log-likelihood of a sample after the last iteration [nat, normalised coordinates].
-    pub em_log_likelihood: f64,
-    /// The convex programs, in the order in which they were solved.
-    pub programs: Vec<ProgramFit>,
-    /// How the demonstrations are followed from their starts, with their frames.
-    pub demonstrations: Vec<DemonstrationRollout>,
-}
-
-/// Figures of one convex program.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ProgramFit {
-    /// What was fitted, e.g. `position field`.
-    pub name: String,
-    /// Solver status, `Solved` or `AlmostSolved`.
-    pub status: String,
-    /// Iterations of the interior point method.
-    pub iterations: u32,
-    /// Optimal value of the whole objective.
-    pub objective: f64,
-    /// The part of it that compares with the demonstrations.
-    pub residual: f64,
-    /// Constraints that hold with equality.
-    pub active: Vec<ActiveConstraints>,
-    /// What else is known, by name.
-    pub figures: Vec<(String, f64)>,
-}
-
-/// How many of a kind of constraints hold with equality.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ActiveConstraints {
-    /// What is constrained.
-    pub name: String,
-    /// How many hold with equality.
-    pub active: u32,
-    /// How many there are.
-    pub count: u32,
-}
-
 /// What was proved of a model, and what was tried.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -424,24 +383,6 @@ impl Certificate {
     pub fn holds(&self) -> bool {
         self.failures.is_empty()
     }
-}
-
-/// A rollout from a demonstrated start, with the demonstration's own frames.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct DemonstrationRollout {
-    /// File name of the demonstration.
-    pub name: String,
-    /// Distance to the goal at the end [m].
-    pub goal_error_m: f64,
-    /// Angle to the goal at the end [rad].
-    pub goal_error_rad: f64,
-    /// Root of the mean square distance to the demonstration at the same time [m].
-    pub tracking_rms_m: f64,
-    /// The same for the angle [rad].
-    pub tracking_rms_rad: f64,
-    /// Root of the mean square distance to the rollout's nearest point, whatever the time [m].
-    pub path_rms_m: f64,
 }
 
 /// Where a model comes from.

@@ -6,9 +6,10 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 use tprmp_model::skill_model::{
     ActiveConstraints, Adaptation, BlockCertificate, COORDINATES, Canonical, Certificate,
-    Component, DemonstrationRollout, FieldModel, Fit, FrameGaussian, FrameMixture, Gaussian,
-    Manifold, ModelError, Policy, Pose, ProgramFit, Provenance, Rollouts, SPLINES, SkillModel,
-    Source, ThesisModel, ValleyCertificate, Waypoint, read, to_text, write,
+    Component, Constraints, DemonstrationRollout, FieldModel, Figure, Fit, FrameGaussian,
+    FrameMixture, Gaussian, Manifold, ModelError, Policy, Pose, Program, ProgramFit, ProgramStatus,
+    Provenance, Rollouts, SPLINES, SkillModel, Source, ThesisModel, ValleyCertificate, Waypoint,
+    read, to_text, write,
 };
 
 /// A folder of this test alone, removed at its end.
@@ -115,13 +116,17 @@ fn model() -> SkillModel {
             em_iterations: 15,
             em_log_likelihood: 1.5,
             programs: vec![ProgramFit {
-                name: "position field".into(),
-                status: "Solved".into(),
+                name: Program::PositionField,
+                status: ProgramStatus::Solved,
                 iterations: 17,
                 objective: 0.02,
                 residual: 0.01,
-                active: vec![ActiveConstraints { name: "descent".into(), active: 3, count: 99 }],
-                figures: vec![("hinge".into(), 0.1)],
+                active: vec![ActiveConstraints {
+                    name: Constraints::Descent,
+                    active: 3,
+                    count: 99,
+                }],
+                figures: vec![(Figure::Hinge, 0.1)],
             }],
             demonstrations: vec![DemonstrationRollout {
                 name: "line_01.json".into(),

@@ -12,9 +12,9 @@ use serde::Deserialize;
 use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::Pose;
 
-use tprmp_learner::canonical::moving_ranges;
+use tprmp_learner::canonical::{DemonstrationError, moving_ranges};
 use tprmp_learner::demonstration::{Demonstration, SCHEMA, read};
-use tprmp_learner::error::{LearnerError, read_text};
+use tprmp_learner::file_error::{FileError, read_text};
 use tprmp_learner::import::{Selection, load};
 use tprmp_learner::skill::Skill;
 
@@ -52,8 +52,8 @@ impl SkillSet {
     /// state can know how long to wait.
     ///
     /// # Errors
-    /// [`LearnerError::Demonstration`]: one does not move.
-    pub fn cut_rest(&mut self, skill: &Skill) -> Result<(), LearnerError> {
+    /// [`DemonstrationError`]: one does not move.
+    pub fn cut_rest(&mut self, skill: &Skill) -> Result<(), DemonstrationError> {
         self.moving = moving_ranges(&self.demonstrations, &skill.smoothing, &skill.scale)?;
         Ok(())
     }
@@ -78,10 +78,10 @@ impl SkillSet {
 /// Reads all skills of a data set, in order of their names.
 ///
 /// # Errors
-/// [`LearnerError`], naming the path: it is missing or no folder, holds no skill in a known layout,
+/// [`FileError`], naming the path: it is missing or no folder, holds no skill in a known layout,
 /// or a file of it is refused.
-pub fn read_dataset(folder: &Path) -> Result<Vec<SkillSet>, LearnerError> {
-    let fail = |problem: String| LearnerError::Input {
+pub fn read_dataset(folder: &Path) -> Result<Vec<SkillSet>, FileError> {
+    let fail = |problem: String| FileError::Input {
         path: folder.into(),
         place: "data set".into(),
         problem,
@@ -129,8 +129,8 @@ pub fn read_dataset(folder: &Path) -> Result<Vec<SkillSet>, LearnerError> {
     Ok(skills)
 }
 
-fn sorted(folder: &Path) -> Result<Vec<PathBuf>, LearnerError> {
-    let unreadable = |source| LearnerError::Read { path: folder.into(), source };
+fn sorted(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
+    let unreadable = |source| FileError::Read { path: folder.into(), source };
     let entries = std::fs::read_dir(folder).map_err(unreadable)?;
     let mut paths = Vec::new();
     for entry in entries {
@@ -144,13 +144,13 @@ fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
-fn kind(path: &Path) -> Result<Kind, LearnerError> {
+fn kind(path: &Path) -> Result<Kind, FileError> {
     serde_json::from_str(&read_text(path)?)
-        .map_err(|e| LearnerError::syntax(path, e.line(), e.column(), e.to_string()))
+        .map_err(|e| FileError::syntax(path, e.line(), e.column(), e.to_string()))
 }
 
 /// The `tprmp-demonstration/1` files among these.
-fn demonstration_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, LearnerError> {
+fn demonstration_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, FileError> {
     let mut files = Vec::new();
     for path in paths.iter().filter(|path| path.is_file() && has_extension(path, "json")) {
         if kind(path)?.schema.as_deref() == Some(SCHEMA) {
@@ -160,7 +160,7 @@ fn demonstration_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, LearnerError> 
     Ok(files)
 }
 
-fn skill_set(files: &[PathBuf]) -> Result<SkillSet, LearnerError> {
+fn skill_set(files: &[PathBuf]) -> Result<SkillSet, FileError> {
     #[derive(Deserialize)]
     struct Space {
         manifold: String,
@@ -168,7 +168,7 @@ fn skill_set(files: &[PathBuf]) -> Result<SkillSet, LearnerError> {
     let mut demonstrations: Vec<Demonstration> = Vec::with_capacity(files.len());
     for file in files {
         let space: Space = serde_json::from_str(&read_text(file)?)
-            .map_err(|e| LearnerError::syntax(file, e.line(), e.column(), e.to_string()))?;
+            .map_err(|e| FileError::syntax(file, e.line(), e.column(), e.to_string()))?;
         let [start, goal] =
             if space.manifold == "R2" { ["start", "end"] } else { ["ee_start", "object"] };
         let shown = read(file, start, goal)?;
@@ -176,7 +176,7 @@ fn skill_set(files: &[PathBuf]) -> Result<SkillSet, LearnerError> {
             && (&first.skill, first.manifold) != (&shown.skill, shown.manifold)
         {
             let problem = format!("expected `{}`, found `{}`", first.skill, shown.skill);
-            return Err(LearnerError::key(file, "skill", problem));
+            return Err(FileError::key(file, "skill", problem));
         }
         demonstrations.push(shown);
     }

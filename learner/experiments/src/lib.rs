@@ -28,7 +28,8 @@ use tprmp_model::skill_model::Manifold;
 use dataset::{SkillSet, read_dataset};
 use models::{Kind, SkillFiles, train_all};
 use protocol::{Bench, Extent};
-use tprmp_learner::error::LearnerError;
+use tprmp_learner::canonical::DemonstrationError;
+use tprmp_learner::file_error::FileError;
 
 /// Where the shipped planar skills are, in the configuration folder.
 const SHIPPED: &str = "demonstrations/drawings";
@@ -61,11 +62,22 @@ const QUICK_EVERY: usize = 4;
 /// Planar skills of the thesis, over which its medians are.
 const PUBLISHED_SKILLS: usize = 15;
 
+/// Why there are no results.
+#[derive(Debug, thiserror::Error)]
+pub enum ExperimentError {
+    /// The data set, a skill file, or the folder of results.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A demonstration does not move.
+    #[error(transparent)]
+    Demonstration(#[from] DemonstrationError),
+}
+
 /// Runs all experiments; returns what to print.
 ///
 /// # Errors
-/// [`LearnerError`]: the data set or a skill file is refused, or the folder cannot be written.
-pub fn run(options: &Options) -> Result<String, LearnerError> {
+/// [`ExperimentError`]: the data set or a skill file is refused, or the folder cannot be written.
+pub fn run(options: &Options) -> Result<String, ExperimentError> {
     let begun = Instant::now();
     let (dataset, mut skills) = skills(options)?;
     let extent = if options.quick { Extent::quick() } else { Extent::full() };
@@ -88,7 +100,7 @@ pub fn run(options: &Options) -> Result<String, LearnerError> {
         })
         .collect();
     std::fs::create_dir_all(&options.out)
-        .map_err(|source| LearnerError::Write { path: options.out.clone(), source })?;
+        .map_err(|source| FileError::Write { path: options.out.clone(), source })?;
     println!("data set   {dataset}: {} skills, seed {}", skills.len(), options.seed);
     let models = train_all(&files, &skills, &extent.components, options.seed);
     let trained = begun.elapsed();
@@ -125,7 +137,7 @@ pub fn run(options: &Options) -> Result<String, LearnerError> {
     });
     let path = options.out.join("report.html");
     std::fs::write(&path, page)
-        .map_err(|source| LearnerError::Write { path: path.clone(), source })?;
+        .map_err(|source| FileError::Write { path: path.clone(), source })?;
     let mut text = report::summary(&verdicts, &models.failures);
     text += &format!(
         "{} rows in {:.0} s (training {:.0} s)\nwrote      {}\nwrote      {}\n",
@@ -139,7 +151,7 @@ pub fn run(options: &Options) -> Result<String, LearnerError> {
 }
 
 /// Name of the data set, and its skills: those that are asked for, of a quick run only some.
-fn skills(options: &Options) -> Result<(String, Vec<SkillSet>), LearnerError> {
+fn skills(options: &Options) -> Result<(String, Vec<SkillSet>), FileError> {
     let name =
         |path: &Path| path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     let (dataset, mut skills) = match &options.dataset {

@@ -11,9 +11,10 @@ use super::dataset::SkillSet;
 use super::follower::Model;
 use super::progress;
 use tprmp_learner::demonstration::Demonstration;
-use tprmp_learner::error::LearnerError;
+use tprmp_learner::file_error::FileError;
+use tprmp_learner::mixture::components::ChoiceError;
 use tprmp_learner::skill::Skill;
-use tprmp_learner::train::learn;
+use tprmp_learner::train::{TrainError, learn};
 
 /// A policy that is learned by a skill file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -51,8 +52,8 @@ impl SkillFiles {
     /// `<name>_published.ron` for sets that the thesis learned with frames of its own.
     ///
     /// # Errors
-    /// [`LearnerError`] of a file that is missing or refused.
-    pub fn read(config: &Path, name: &str, published: bool) -> Result<Self, LearnerError> {
+    /// [`FileError`] of a file that is missing or refused.
+    pub fn read(config: &Path, name: &str, published: bool) -> Result<Self, FileError> {
         let read = |suffix: &str| Skill::read(&config.join(format!("skills/{name}{suffix}.ron")));
         let published = published.then(|| read("_published")).transpose()?;
         Ok(Self { canonical: read("")?, thesis: read("_thesis")?, published })
@@ -142,7 +143,7 @@ pub fn train_all(
     let (timed, others): (Vec<_>, Vec<_>) = wanted
         .into_iter()
         .partition(|(_, kind, count, own)| *kind == Kind::Canonical && count == own);
-    let mut results: Vec<(Key, Result<Trained, LearnerError>)> = timed.iter().map(train).collect();
+    let mut results: Vec<(Key, Result<Trained, TrainError>)> = timed.iter().map(train).collect();
     results.par_extend(others.par_iter().map(train));
     bar.finish_and_clear();
     let mut models = Models::default();
@@ -168,8 +169,8 @@ fn train_one(
     components: usize,
     examined: bool,
     seed: u64,
-) -> Result<Trained, LearnerError> {
-    let mut skill = skill.clone().with_components(components).map_err(LearnerError::Components)?;
+) -> Result<Trained, TrainError> {
+    let mut skill = skill.clone().with_components(components).map_err(ChoiceError::Components)?;
     name.clone_into(&mut skill.skill);
     if !examined {
         skill.certification.random_starts = 0;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use tprmp_learner::error::LearnerError;
+use tprmp_learner::file_error::FileError;
 
 /// What one rollout, or one measurement, gave. A length that is not finite (a body that diverged) is
 /// `null` in the file.
@@ -67,12 +67,12 @@ pub fn finite(value: f64) -> Option<f64> {
 /// Writes the rows, one a line.
 ///
 /// # Errors
-/// [`LearnerError::Write`].
-pub fn write(rows: &[Row], path: &Path) -> Result<(), LearnerError> {
+/// [`FileError::Write`].
+pub fn write(rows: &[Row], path: &Path) -> Result<(), FileError> {
     let lines: Vec<String> =
         rows.iter().map(|row| serde_json::to_string(row).expect("plain data serialises")).collect();
     let text = format!("[\n{}\n]\n", lines.join(",\n"));
-    std::fs::write(path, text).map_err(|source| LearnerError::Write { path: path.into(), source })
+    std::fs::write(path, text).map_err(|source| FileError::Write { path: path.into(), source })
 }
 
 #[cfg(test)]

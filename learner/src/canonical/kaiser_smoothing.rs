@@ -11,7 +11,7 @@
 use glam::DVec3;
 use tprmp_spatial::Pose;
 
-use crate::canonical::orientation::mean_orientation;
+use crate::canonical::means::mean_orientation;
 use crate::skill::KaiserSmoothing;
 
 /// Smooths poses that are `sampling_time_s` apart.

@@ -7,6 +7,9 @@ use clarabel::solver::{
     SupportedConeT, ZeroConeT,
 };
 use nalgebra::DMatrix;
+use tprmp_model::skill_model::ProgramStatus;
+
+use crate::fit::error::Reason;
 
 /// Bound on the solver's iterations; some twenty are usual.
 const ITERATIONS_MAX: u32 = 200;
@@ -41,11 +44,9 @@ pub struct ConicProgram {
 /// What the solver found.
 #[derive(Clone, Debug)]
 pub struct Solution {
-    /// Whether it may be used.
-    pub usable: bool,
-    /// The solver's status.
-    pub status: String,
-    /// Its iterations.
+    /// How exact it is.
+    pub status: ProgramStatus,
+    /// The solver's iterations.
     pub iterations: u32,
     /// Optimal value.
     pub objective: f64,
@@ -84,8 +85,10 @@ impl ConicProgram {
     }
 
     /// Solves the program, in one thread and always in the same way.
-    #[must_use]
-    pub fn solve(&self) -> Solution {
+    ///
+    /// # Errors
+    /// Why there is no solution, and after how many iterations.
+    pub fn solve(&self) -> Result<Solution, (Reason, u32)> {
         let variables = self.linear.len();
         let quadratic = upper_triangle(&self.quadratic, variables);
         // The solver's form: A x + s = b with s in the cones.
@@ -107,38 +110,21 @@ impl ConicProgram {
             direct_solve_method: "qdldl".into(),
             ..DefaultSettings::default()
         };
-        let mut solver = match DefaultSolver::new(
-            &quadratic,
-            &self.linear,
-            &matrix,
-            &bounds,
-            &self.cones,
-            settings,
-        ) {
-            Ok(solver) => solver,
-            // Numbers that are not finite end here.
-            Err(error) => {
-                let status = error.to_string();
-                return Solution {
-                    usable: false,
-                    status,
-                    iterations: 0,
-                    objective: 0.0,
-                    x: Vec::new(),
-                };
-            }
-        };
+        let mut solver =
+            DefaultSolver::new(&quadratic, &self.linear, &matrix, &bounds, &self.cones, settings)
+                .map_err(|error| (error.into(), 0))?;
         solver.solve();
-        let solution = &solver.solution;
-        let finite = solution.x.iter().all(|x| x.is_finite());
-        Solution {
-            usable: finite
-                && matches!(solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved),
-            status: format!("{:?}", solution.status),
-            iterations: solution.iterations,
-            objective: solution.obj_val,
-            x: solution.x.clone(),
+        let solution = solver.solution;
+        let status = match solution.status {
+            SolverStatus::Solved => ProgramStatus::Solved,
+            SolverStatus::AlmostSolved => ProgramStatus::AlmostSolved,
+            other => return Err((Reason::Ended(other), solution.iterations)),
+        };
+        if !solution.x.iter().all(|x| x.is_finite()) {
+            return Err((Reason::Ended(solution.status), solution.iterations));
         }
+        let (iterations, objective) = (solution.iterations, solution.obj_val);
+        Ok(Solution { status, iterations, objective, x: solution.x })
     }
 }
 
@@ -175,8 +161,7 @@ mod tests {
             affine(0.0, &[(0, 1.0)]),
             affine(-3.0, &[(1, 1.0)]),
         ]);
-        let solution = program.solve();
-        assert!(solution.usable, "{}", solution.status);
+        let solution = program.solve().unwrap();
         // On the circle and the line: x² + (x + 1)² = 1.5², the larger root.
         let x = (-1.0 + (2.0_f64 * 2.25 - 1.0).sqrt()) / 2.0;
         assert!((solution.x[0] - x).abs() < 1e-6 && (solution.x[1] - 2.0 + x).abs() < 1e-6);
@@ -184,9 +169,9 @@ mod tests {
     }
 
     #[test]
-    fn a_contradiction_is_not_usable() {
+    fn a_contradiction_has_no_solution() {
         let mut program = ConicProgram::new(DMatrix::identity(1, 1), vec![0.0]);
         program.require_nonnegative(vec![affine(-1.0, &[(0, 1.0)]), affine(-1.0, &[(0, -1.0)])]);
-        assert!(!program.solve().usable);
+        assert!(matches!(program.solve(), Err((Reason::Ended(SolverStatus::PrimalInfeasible), _))));
     }
 }

@@ -27,28 +27,25 @@ use glam::DVec3;
 use nalgebra::{Cholesky, DMatrix, SVector};
 use rayon::prelude::*;
 use tprmp_model::skill_model::{
-    ActiveConstraints, FrameMixture, Manifold, Policy, ProgramFit, ThesisModel, product_skill,
+    ActiveConstraints, Constraints, Figure, FrameMixture, Manifold, Policy, Program, ProgramFit,
+    ThesisModel, product_skill,
 };
 use tprmp_rmpflow::policy::thesis::gaussian_field::GaussianField;
 use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
 use tprmp_spatial::MovingPose;
 use tprmp_spatial::rotation::rotation_vector;
 
-use crate::canonical::CanonicalSet;
 use crate::canonical::savitzky_golay::smooth;
+use crate::canonical::{CanonicalSet, DemonstrationError};
 use crate::demonstration::Demonstration;
-use crate::error::LearnerError;
 use crate::fit::conic::{Affine, ConicProgram, Solution};
-use crate::mixture::tp_gmm::frames;
+use crate::fit::error::{FitError, NotSolved};
 use crate::skill::{DampingTarget, Skill, ThesisSettings};
 
 /// A slower sample shows no direction: fraction of the demonstration's largest speed.
 const SPEED_FRACTION_MIN: f64 = 0.02;
 /// Neighbours that differ by less than this fraction of the largest value are equal.
 const ACTIVE: f64 = 1e-4;
-/// Names of the programs.
-const POTENTIAL: &str = "potential";
-const DAMPING: &str = "damping";
 
 /// A sample of a demonstration in the chart of its field.
 #[derive(Clone, Copy, Debug)]
@@ -84,14 +81,14 @@ pub fn unfitted(settings: &ThesisSettings, components: usize) -> ThesisModel {
 /// Fits potential and damping to the learned mixture of each frame.
 ///
 /// # Errors
-/// [`LearnerError`]: the Gaussians of the frames cannot be multiplied, or a program is not solved.
+/// The Gaussians of the frames cannot be multiplied, or a program is not solved.
 pub fn fit(
     mixture: &[FrameMixture],
     skill: &Skill,
     settings: &ThesisSettings,
     demonstrations: &[Demonstration],
     set: &CanonicalSet,
-) -> Result<(Policy, Vec<ProgramFit>), LearnerError> {
+) -> Result<(Policy, Vec<ProgramFit>), FitError> {
     match skill.manifold {
         Manifold::R2 => fit_in::<2>(mixture, skill, settings, demonstrations, set),
         Manifold::R3 => fit_in::<3>(mixture, skill, settings, demonstrations, set),
@@ -105,11 +102,11 @@ fn fit_in<const D: usize>(
     settings: &ThesisSettings,
     demonstrations: &[Demonstration],
     set: &CanonicalSet,
-) -> Result<(Policy, Vec<ProgramFit>), LearnerError> {
+) -> Result<(Policy, Vec<ProgramFit>), FitError> {
     let components = mixture[0].gaussians.len();
     let mut thesis = unfitted(settings, components);
     let pairs: Vec<_> = demonstrations.iter().zip(&set.demonstrations).collect();
-    let shown = |thesis: &ThesisModel| -> Result<Vec<Shown<D>>, LearnerError> {
+    let shown = |thesis: &ThesisModel| -> Result<Vec<Shown<D>>, DemonstrationError> {
         pairs
             .par_iter()
             .map(|(demonstration, canonical)| {
@@ -133,16 +130,14 @@ fn shown<const D: usize>(
     thesis: &ThesisModel,
     demonstration: &Demonstration,
     moving: std::ops::Range<usize>,
-) -> Result<Shown<D>, LearnerError> {
-    let not_a_product = || LearnerError::Demonstration {
+) -> Result<Shown<D>, DemonstrationError> {
+    let not_a_product = || DemonstrationError {
         name: demonstration.name.clone(),
         problem: "the Gaussians of its frames cannot be multiplied".into(),
     };
     let products = product_skill::<D>(mixture, thesis).map_err(|_| not_a_product())?;
-    let motions: Vec<_> = frames(skill, demonstration)
-        .into_iter()
-        .map(|(_, pose)| MovingPose::at_rest(pose))
-        .collect();
+    let motions: Vec<_> =
+        skill.frames(demonstration).into_iter().map(MovingPose::at_rest).collect();
     let mut state = ProductState::new();
     products.update(&motions, &mut state);
     let field = state.field().ok_or_else(not_a_product)?.clone();
@@ -188,13 +183,13 @@ fn differences(samples: &[DVec3], sampling_time_s: f64) -> Vec<DVec3> {
 /// φ⁰_k by eq. 4.15–4.16; the potentials of the fields do not enter.
 ///
 /// # Errors
-/// [`LearnerError::NotSolved`] when the solver finds no solution.
+/// [`NotSolved`] when the solver finds no solution.
 ///
 /// # Panics
 /// When there is no demonstration.
 pub fn fit_potential<const D: usize>(
     all: &[Shown<D>],
-) -> Result<(Vec<f64>, ProgramFit), LearnerError> {
+) -> Result<(Vec<f64>, ProgramFit), NotSolved> {
     // Rows of ζ̂ + M⁻¹∇Φ as affine functions of φ⁰_1 … φ⁰_{K−1}.
     let free = all[0].field.components().len() - 1;
     let mut residuals: Vec<[Affine; D]> = Vec::new();
@@ -225,8 +220,9 @@ pub fn fit_potential<const D: usize>(
         cone.extend(residual.iter().cloned());
         program.require_second_order(cone);
     }
-    let solution = program.solve();
-    let mut potentials = usable(POTENTIAL, &solution)?[..free].to_vec();
+    let solution =
+        program.solve().map_err(|failure| NotSolved::new(Program::Potential, failure))?;
+    let mut potentials = solution.x[..free].to_vec();
     potentials.push(0.0);
     // What the solver's tolerance left of the order.
     for k in (0..free).rev() {
@@ -237,8 +233,8 @@ pub fn fit_potential<const D: usize>(
     };
     let residual = residuals.iter().map(norm).sum::<f64>() / count.max(1) as f64;
     let equal = equal_neighbours(&potentials);
-    let active = vec![active("φ⁰ of neighbours equal", equal, free)];
-    Ok((potentials, figures(POTENTIAL, &solution, residual, active, count)))
+    let active = vec![active(Constraints::PotentialOrder, equal, free)];
+    Ok((potentials, figures(Program::Potential, &solution, residual, active, count)))
 }
 
 /// φ⁰_k − φ⁰_{k+1}; the last φ⁰ is zero.
@@ -253,14 +249,14 @@ fn falls(k: usize, free: usize) -> Affine {
 /// d_k by eq. 4.18–4.21, with the potentials of the fields.
 ///
 /// # Errors
-/// [`LearnerError::NotSolved`] when the solver finds no solution.
+/// [`NotSolved`] when the solver finds no solution.
 ///
 /// # Panics
 /// When there is no demonstration.
 pub fn fit_damping<const D: usize>(
     all: &[Shown<D>],
     settings: &ThesisSettings,
-) -> Result<(Vec<f64>, ProgramFit), LearnerError> {
+) -> Result<(Vec<f64>, ProgramFit), NotSolved> {
     let components = all[0].field.components().len();
     // Rows of weight · (energy lost − Σ d_k dissipated_k), relative to the mean energy.
     let mut rows: Vec<(f64, f64, Vec<f64>)> = Vec::new();
@@ -309,9 +305,8 @@ pub fn fit_damping<const D: usize>(
     linear.extend(rows.iter().map(|(weight, ..)| weight / all.len() as f64));
     let mut program = ConicProgram::new(DMatrix::zeros(0, 0), linear);
     program.require_nonnegative(nonnegative);
-    let solution = program.solve();
-    let mut damping: Vec<f64> =
-        usable(DAMPING, &solution)?[..components].iter().map(|d| d * even).collect();
+    let solution = program.solve().map_err(|failure| NotSolved::new(Program::Damping, failure))?;
+    let mut damping: Vec<f64> = solution.x[..components].iter().map(|d| d * even).collect();
     // What the solver's tolerance left of bound and order.
     let mut least = settings.damping_min;
     for d in &mut damping {
@@ -325,18 +320,10 @@ pub fn fit_damping<const D: usize>(
     let residual = rows.iter().map(error).sum::<f64>() * scale;
     let at_floor = damping.iter().filter(|d| **d <= settings.damping_min * (1.0 + ACTIVE)).count();
     let active = vec![
-        active("d at its least value", at_floor, components),
-        active("d of neighbours equal", equal_neighbours(&damping), components - 1),
+        active(Constraints::DampingMin, at_floor, components),
+        active(Constraints::DampingOrder, equal_neighbours(&damping), components - 1),
     ];
-    Ok((damping, figures(DAMPING, &solution, residual, active, rows.len())))
-}
-
-fn usable<'a>(program: &'static str, solution: &'a Solution) -> Result<&'a [f64], LearnerError> {
-    if solution.usable {
-        return Ok(&solution.x);
-    }
-    let (status, iterations) = (solution.status.clone(), solution.iterations);
-    Err(LearnerError::NotSolved { program, status, iterations, causes: Vec::new() })
+    Ok((damping, figures(Program::Damping, &solution, residual, active, rows.len())))
 }
 
 fn equal_neighbours(values: &[f64]) -> usize {
@@ -344,24 +331,24 @@ fn equal_neighbours(values: &[f64]) -> usize {
     values.windows(2).filter(|pair| (pair[0] - pair[1]).abs() <= ACTIVE * largest).count()
 }
 
-fn active(name: &str, active: usize, count: usize) -> ActiveConstraints {
-    ActiveConstraints { name: name.into(), active: active as u32, count: count as u32 }
+fn active(name: Constraints, active: usize, count: usize) -> ActiveConstraints {
+    ActiveConstraints { name, active: active as u32, count: count as u32 }
 }
 
 fn figures(
-    name: &str,
+    name: Program,
     solution: &Solution,
     residual: f64,
     active: Vec<ActiveConstraints>,
     samples: usize,
 ) -> ProgramFit {
     ProgramFit {
-        name: name.into(),
-        status: solution.status.clone(),
+        name,
+        status: solution.status,
         iterations: solution.iterations,
         objective: solution.objective,
         residual,
         active,
-        figures: vec![("samples".into(), samples as f64)],
+        figures: vec![(Figure::Samples, samples as f64)],
     }
 }

@@ -12,7 +12,7 @@ use tprmp_spatial::Pose;
 
 use super::mat::{Value, parse};
 use super::{Recording, Selection, input, read_bytes};
-use crate::error::LearnerError;
+use crate::file_error::FileError;
 
 const M_PER_MM: f64 = 1e-3;
 /// How far times and `dt` may differ, as a fraction of the duration.
@@ -22,7 +22,7 @@ const TIME_TOLERANCE: f64 = 0.01;
 pub(super) fn read(
     path: &Path,
     selection: &Selection,
-) -> Result<(String, Vec<Recording>), LearnerError> {
+) -> Result<(String, Vec<Recording>), FileError> {
     let bytes = read_bytes(path)?;
     let values = parse(&bytes).map_err(|problem| input(path, "format", problem))?;
     let fail = |place: &str, problem: String| input(path, format!("variable `{place}`"), problem);

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use tprmp_model::skill_model::Manifold;
 
 use crate::demonstration::{Demonstration, to_text};
-use crate::error::LearnerError;
+use crate::file_error::FileError;
 use recording::Recording;
 
 /// Larger files, and larger contents of compressed ones, are refused [bytes].
@@ -69,7 +69,7 @@ impl Selection {
     }
 
     /// The skill's name of a file that has none.
-    fn skill_of(&self, path: &Path) -> Result<String, LearnerError> {
+    fn skill_of(&self, path: &Path) -> Result<String, FileError> {
         self.skill.clone().ok_or_else(|| {
             input(path, "option --skill", "expected the skill's name: such a file does not say it")
         })
@@ -81,14 +81,14 @@ impl Selection {
 /// files written.
 ///
 /// # Errors
-/// [`LearnerError`], naming the file and the key, column, array or variable: the file cannot be
+/// [`FileError`], naming the file and the key, column, array or variable: the file cannot be
 /// read or is not of the format, its times and velocities contradict each other, an option does
 /// not fit, or the folder cannot be written.
 pub fn import(
     foreign: &Path,
     folder: &Path,
     selection: &Selection,
-) -> Result<Vec<PathBuf>, LearnerError> {
+) -> Result<Vec<PathBuf>, FileError> {
     let texts: Vec<_> = load(foreign, selection)?
         .into_iter()
         .map(|shown| {
@@ -96,7 +96,7 @@ pub fn import(
             (shown.name.clone(), to_text(&shown, &start_frame, &goal_frame))
         })
         .collect();
-    let failed = |path: &Path, source| LearnerError::Write { path: path.into(), source };
+    let failed = |path: &Path, source| FileError::Write { path: path.into(), source };
     std::fs::create_dir_all(folder).map_err(|source| failed(folder, source))?;
     let mut written = Vec::with_capacity(texts.len());
     for (name, text) in texts {
@@ -111,7 +111,7 @@ pub fn import(
 ///
 /// # Errors
 /// Those of [`import`] that concern the file.
-pub fn load(foreign: &Path, selection: &Selection) -> Result<Vec<Demonstration>, LearnerError> {
+pub fn load(foreign: &Path, selection: &Selection) -> Result<Vec<Demonstration>, FileError> {
     for (option, time) in [
         ("option --sampling-time-s", selection.sampling_time_s),
         ("option --recorded-at-s", selection.recorded_at_s),
@@ -142,13 +142,13 @@ pub fn load(foreign: &Path, selection: &Selection) -> Result<Vec<Demonstration>,
 }
 
 /// A file that does not say what it should, at a place that is not a key.
-fn input(path: &Path, place: impl Into<String>, problem: impl Into<String>) -> LearnerError {
-    LearnerError::Input { path: path.into(), place: place.into(), problem: problem.into() }
+fn input(path: &Path, place: impl Into<String>, problem: impl Into<String>) -> FileError {
+    FileError::Input { path: path.into(), place: place.into(), problem: problem.into() }
 }
 
 /// The bytes of a file that is not too large.
-fn read_bytes(path: &Path) -> Result<Vec<u8>, LearnerError> {
-    let unreadable = |source| LearnerError::Read { path: path.into(), source };
+fn read_bytes(path: &Path) -> Result<Vec<u8>, FileError> {
+    let unreadable = |source| FileError::Read { path: path.into(), source };
     let size = std::fs::metadata(path).map_err(unreadable)?.len();
     if size > BYTES_MAX {
         return Err(input(

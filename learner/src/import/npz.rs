@@ -15,7 +15,7 @@ use zip::ZipArchive;
 
 use super::table::{pose_of, vector_of};
 use super::{BYTES_MAX, Recording, Selection, input, read_bytes};
-use crate::error::LearnerError;
+use crate::file_error::FileError;
 
 /// An array of one or two axes; one axis is a column.
 #[derive(Debug)]
@@ -33,7 +33,7 @@ impl Array {
 }
 
 /// The demonstration of an archive.
-pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, LearnerError> {
+pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, FileError> {
     let bytes = read_bytes(path)?;
     let mut archive = ZipArchive::new(Cursor::new(bytes))
         .map_err(|e| input(path, "archive", format!("expected a NumPy archive (zip): {e}")))?;
@@ -42,7 +42,7 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, Lear
         archive.file_names().filter_map(|name| Some(name.ok()?.into_owned())).collect();
     names.sort();
     let found = names.iter().map(|n| n.trim_end_matches(".npy")).collect::<Vec<_>>().join(", ");
-    let mut array = |name: &str| -> Result<Array, LearnerError> {
+    let mut array = |name: &str| -> Result<Array, FileError> {
         let mut entry = archive.by_name(&format!("{name}.npy")).map_err(|e| match e {
             zip::result::ZipError::FileNotFound => {
                 fail(name, format!("expected this array, found only [{found}]"))
@@ -94,7 +94,7 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, Lear
     } else {
         None
     };
-    let mut frame = |name: &str| -> Result<Pose, LearnerError> {
+    let mut frame = |name: &str| -> Result<Pose, FileError> {
         let name = format!("frames/{name}");
         let numbers = array(&name)?.values;
         if numbers.len() != 7 {

@@ -9,7 +9,7 @@ use tprmp_spatial::Pose;
 
 use super::{Interpolation, Selection, input};
 use crate::demonstration::{DURATION_MAX_S, Demonstration, POINTS_MIN, POSITION_MAX_M};
-use crate::error::LearnerError;
+use crate::file_error::FileError;
 
 /// Most samples of a demonstration.
 const SAMPLES_MAX: f64 = 100_000.0;
@@ -50,7 +50,7 @@ impl Recording {
         skill: &str,
         name: &str,
         selection: &Selection,
-    ) -> Result<Demonstration, LearnerError> {
+    ) -> Result<Demonstration, FileError> {
         let fail = |place: &str, problem: String| Err(input(path, place, problem));
         if self.poses.len() < POINTS_MIN {
             let found = self.poses.len();

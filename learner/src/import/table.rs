@@ -14,7 +14,7 @@ use tprmp_spatial::Pose;
 
 use super::{Recording, Selection, input, read_bytes};
 use crate::demonstration::{FileFrame, columns, frame, other_frames};
-use crate::error::{LearnerError, read_text};
+use crate::file_error::{FileError, read_text};
 
 #[derive(Deserialize)]
 struct Frames {
@@ -22,7 +22,7 @@ struct Frames {
 }
 
 /// The demonstration of a table.
-pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, LearnerError> {
+pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, FileError> {
     let bytes = read_bytes(path)?;
     let mut table = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes.as_slice());
     let malformed = |e: csv::Error| {
@@ -43,7 +43,7 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, Lear
     } else {
         Manifold::R2
     };
-    let places = |wanted: &[&str]| -> Result<Vec<(String, usize)>, LearnerError> {
+    let places = |wanted: &[&str]| -> Result<Vec<(String, usize)>, FileError> {
         let place = |name: &&str| {
             let found = names.iter().position(|n| n == name);
             found.map(|at| ((*name).to_owned(), at)).ok_or_else(|| {
@@ -66,7 +66,7 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, Lear
     for record in table.records() {
         let record = record.map_err(malformed)?;
         let line = record.position().map_or(0, csv::Position::line);
-        let numbers = |columns: &[(String, usize)]| -> Result<Vec<f64>, LearnerError> {
+        let numbers = |columns: &[(String, usize)]| -> Result<Vec<f64>, FileError> {
             let number = |(name, at): &(String, usize)| {
                 let text = record.get(*at).unwrap_or_default();
                 text.parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| {
@@ -88,7 +88,7 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, Lear
     let frames_path = path.with_extension("frames.json");
     let text = read_text(&frames_path)?;
     let frames: Frames = serde_json::from_str(&text)
-        .map_err(|e| LearnerError::syntax(&frames_path, e.line(), e.column(), e.to_string()))?;
+        .map_err(|e| FileError::syntax(&frames_path, e.line(), e.column(), e.to_string()))?;
     let [start, goal] = selection.frames(manifold);
     Ok(Recording {
         place: "rows".into(),
@@ -102,7 +102,7 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, Lear
     })
 }
 
-fn column(path: &Path, name: &str, problem: String) -> LearnerError {
+fn column(path: &Path, name: &str, problem: String) -> FileError {
     input(path, format!("column `{name}`"), problem)
 }
 

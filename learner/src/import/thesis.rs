@@ -23,7 +23,7 @@ use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::Pose;
 
 use super::{Recording, Selection};
-use crate::error::{LearnerError, read_text};
+use crate::file_error::{FileError, read_text};
 
 /// How far a rotation may be from one.
 const ROTATION_TOLERANCE: f64 = 1e-6;
@@ -59,11 +59,11 @@ struct ForeignFrame {
 pub(super) fn read(
     path: &Path,
     selection: &Selection,
-) -> Result<(String, Vec<Recording>), LearnerError> {
+) -> Result<(String, Vec<Recording>), FileError> {
     let text = read_text(path)?;
     let file: Foreign = serde_json::from_str(&text)
-        .map_err(|e| LearnerError::syntax(path, e.line(), e.column(), e.to_string()))?;
-    let fail = |key: &str, problem: String| Err(LearnerError::key(path, key, problem));
+        .map_err(|e| FileError::syntax(path, e.line(), e.column(), e.to_string()))?;
+    let fail = |key: &str, problem: String| Err(FileError::key(path, key, problem));
     let (manifold, frames) = match file.manifold.as_str() {
         "R2" => (Manifold::R2, ["start", "end"]),
         "R3xS3" => (Manifold::R3S3, ["ee_frame", "obj_frame"]),
@@ -110,7 +110,7 @@ pub(super) fn read(
                     Manifold::R2 => "expected `A`, a rotation of the plane, and `b`, a point",
                     _ => "expected `position` and a unit `quaternion`",
                 };
-                LearnerError::key(path, format!("{key}.{frames_key}.{name}"), problem)
+                FileError::key(path, format!("{key}.{frames_key}.{name}"), problem)
             })
         };
         let (start, goal_frame) = (frame(frames[0])?, frame(frames[1])?);

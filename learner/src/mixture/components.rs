@@ -13,12 +13,10 @@ use std::sync::mpsc;
 
 use rayon::prelude::*;
 
-use crate::canonical::canonicalise;
+use crate::canonical::{DemonstrationError, canonicalise, prepared};
 use crate::demonstration::Demonstration;
-use crate::error::LearnerError;
 use crate::mixture::tp_gmm::Samples;
 use crate::skill::Skill;
-use crate::train::prepared;
 
 /// Where the number of Gaussians comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,11 +85,22 @@ impl Choice {
     }
 }
 
+/// Why no number of Gaussians is chosen.
+#[derive(Debug, thiserror::Error)]
+pub enum ChoiceError {
+    /// A demonstration cannot be learned from.
+    #[error(transparent)]
+    Demonstration(#[from] DemonstrationError),
+    /// The command line asks for a number that cannot be.
+    #[error("option --components: {0}")]
+    Components(String),
+}
+
 /// Chooses the number of Gaussians. The candidates are computed side by side; the result depends
 /// on input and seed only. `progress` is told of each that is done.
 ///
 /// # Errors
-/// [`LearnerError`]: the demonstrations cannot be learned from, or not with any number of the range.
+/// The demonstrations cannot be learned from, or not with any number of the range.
 ///
 /// # Panics
 /// When there is no demonstration.
@@ -101,9 +110,9 @@ pub fn choose(
     seed: u64,
     range: RangeInclusive<usize>,
     progress: &mut dyn FnMut(&str),
-) -> Result<Choice, LearnerError> {
+) -> Result<Choice, ChoiceError> {
     for end in [*range.start(), *range.end()] {
-        skill.clone().with_components(end).map_err(LearnerError::Components)?;
+        skill.clone().with_components(end).map_err(ChoiceError::Components)?;
     }
     let demonstrations = &prepared(skill, demonstrations);
     let set = canonicalise(skill, demonstrations)?;
@@ -131,7 +140,7 @@ pub fn choose(
     });
     let learnable = candidates.iter().filter(|candidate| !candidate.empty);
     let best = learnable.min_by(|a, b| a.bic.total_cmp(&b.bic)).ok_or_else(|| {
-        LearnerError::Components(format!(
+        ChoiceError::Components(format!(
             "expected a range with a number that {} samples can fill, found {} to {}",
             samples.len(),
             range.start(),

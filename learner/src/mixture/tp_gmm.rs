@@ -10,8 +10,7 @@ use tprmp_spatial::Pose;
 
 use crate::canonical::CanonicalSet;
 use crate::demonstration::Demonstration;
-use crate::error::LearnerError;
-use crate::mixture::em::{
+use crate::mixture::expectation_maximisation::{
     Data, Gaussian, Maximised, Settings, Topology, View, gaussians, in_order, maximise, mean_times,
     pose_view,
 };
@@ -68,19 +67,17 @@ pub struct TpGmm {
     pub parameters: usize,
 }
 
-/// The frames of a demonstration, in the order in which a skill knows them: start, goal unless it
-/// is the same, then the others.
-#[must_use]
-pub fn frames(skill: &Skill, demonstration: &Demonstration) -> Vec<(String, Pose)> {
-    let mut frames = Vec::new();
-    if skill.start_frame != skill.goal_frame {
-        frames.push((skill.start_frame.clone(), demonstration.start));
-    }
-    frames.push((skill.goal_frame.clone(), demonstration.goal_frame));
-    for name in &skill.other_frames {
-        frames.push((name.clone(), demonstration.other_frames[name]));
-    }
-    frames
+/// The mixture has more components than the demonstrations can fill.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "the mixture has too many components: {problem}, but key `mixture.components` asks for \
+     {components}"
+)]
+pub struct MixtureError {
+    /// Components that were asked for.
+    pub components: usize,
+    /// What is wrong.
+    pub problem: String,
 }
 
 impl Samples {
@@ -90,7 +87,7 @@ impl Samples {
     /// When a path has no length, or a demonstration not the frames of the skill.
     #[must_use]
     pub fn new(skill: &Skill, demonstrations: &[Demonstration], set: &CanonicalSet) -> Self {
-        let count = frames(skill, &demonstrations[0]).len();
+        let count = skill.named_frames(&demonstrations[0]).count();
         let frames = (0..count).map(|p| frame_view(skill, demonstrations, set, p)).collect();
         let times = set.demonstrations.iter().flat_map(|d| &d.times).copied().collect();
         let phases = set.demonstrations.iter().flat_map(|d| &d.phases).map(|phase| phase[0]);
@@ -198,8 +195,8 @@ impl Samples {
         skill: &Skill,
         components: usize,
         seed: u64,
-    ) -> Result<TpGmm, LearnerError> {
-        let too_many = |problem: String| LearnerError::Mixture { components, problem };
+    ) -> Result<TpGmm, MixtureError> {
+        let too_many = |problem: String| MixtureError { components, problem };
         if components > self.components_max() {
             let found = self.len();
             return Err(too_many(format!("the demonstrations have only {found} samples together")));
@@ -284,7 +281,7 @@ fn frame_view(
 ) -> (String, View) {
     let (mut positions, mut orientations): (Vec<DVec3>, Vec<DQuat>) = (Vec::new(), Vec::new());
     for (demonstration, canonical) in demonstrations.iter().zip(&set.demonstrations) {
-        let from_frame = frames(skill, demonstration)[p].1.inverse();
+        let from_frame = skill.frames(demonstration)[p].inverse();
         let moving = canonical.rest..canonical.rest + canonical.position.points.len();
         for pose in &demonstration.poses[moving] {
             let seen = from_frame.compose(pose);
@@ -295,7 +292,8 @@ fn frame_view(
     let orientations = skill.manifold.has_orientation().then_some((orientations, set.scales[1]));
     let view =
         pose_view(&positions, skill.manifold.position_dimension(), set.scales[0], orientations);
-    (frames(skill, &demonstrations[0])[p].0.clone(), view)
+    let name = skill.named_frames(&demonstrations[0]).nth(p).expect("p is one of the frames").0;
+    (name.into(), view)
 }
 
 /// A Gaussian in physical coordinates, with the regularisation and in axes of the mean.
@@ -344,10 +342,9 @@ impl TpGmm {
 /// Gaussians (eq. 3.6) moves by the mean of their displacements.
 #[must_use]
 pub fn uninformative_frames(skill: &Skill, demonstrations: &[Demonstration]) -> Vec<String> {
-    let all: Vec<_> = demonstrations.iter().map(|d| frames(skill, d)).collect();
-    let names: Vec<&str> = all[0].iter().map(|(name, _)| name.as_str()).collect();
-    let relative =
-        |frames: &[(String, Pose)], p: usize, q: usize| frames[p].1.inverse().compose(&frames[q].1);
+    let all: Vec<Vec<Pose>> = demonstrations.iter().map(|d| skill.frames(d)).collect();
+    let names: Vec<&str> = skill.named_frames(&demonstrations[0]).map(|(name, _)| name).collect();
+    let relative = |frames: &[Pose], p: usize, q: usize| frames[p].inverse().compose(&frames[q]);
     // Frames fixed to one another form groups; each is told once, with its first member.
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for q in 0..names.len() {

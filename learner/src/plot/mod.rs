@@ -13,14 +13,16 @@ pub mod scene;
 use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
-use tprmp_model::skill_model::{self, EvaluationError, Manifold, SkillModel, sha256_hex};
+use tprmp_model::skill_model::{
+    self, EvaluationError, Manifold, ModelError, SkillModel, sha256_hex,
+};
 use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
 use tprmp_spatial::Pose;
 
-use crate::canonical::pace::Pace;
+use crate::canonical::PhaseProfile;
 use crate::canonical::{self, mean_pose};
 use crate::demonstration::{self, Demonstration};
-use crate::error::LearnerError;
+use crate::file_error::FileError;
 use crate::mixture::components::Choice;
 use figures::{OrientationBand, SeenFromFrame, Shown};
 use scene::{Scene, Skill, position_part};
@@ -40,25 +42,24 @@ const REST_FRACTION: f64 = 1e-3;
 /// last the page that shows them all. The same input gives the same bytes.
 ///
 /// # Errors
-/// [`LearnerError`]: the model is refused, `demonstrations` lacks a file that the model was learned
+/// [`PlotError`]: the model is refused, `demonstrations` lacks a file that the model was learned
 /// from or holds another version of it, or the folder cannot be written.
-pub fn plot(model: &Path, demonstrations: &Path, out: &Path) -> Result<Vec<PathBuf>, LearnerError> {
+pub fn plot(model: &Path, demonstrations: &Path, out: &Path) -> Result<Vec<PathBuf>, PlotError> {
     let file = model;
     let model = skill_model::read(file)?;
     let shown = read_demonstrations(&model, demonstrations)?;
     let position = position_part(&model);
     let skill = Skill::new(&model, &position)
-        .map_err(|error| LearnerError::key(file, "policy", error.to_string()))?;
+        .map_err(|error| FileError::key(file, "policy", error.to_string()))?;
     let pictures = pictures(&skill, &shown);
 
     let write = |name: &str, text: &str| {
         let path = out.join(name);
         std::fs::write(&path, text)
-            .map_err(|source| LearnerError::Write { path: path.clone(), source })?;
-        Ok::<_, LearnerError>(path)
+            .map_err(|source| FileError::Write { path: path.clone(), source })?;
+        Ok::<_, FileError>(path)
     };
-    std::fs::create_dir_all(out)
-        .map_err(|source| LearnerError::Write { path: out.into(), source })?;
+    std::fs::create_dir_all(out).map_err(|source| FileError::Write { path: out.into(), source })?;
     let mut paths = Vec::with_capacity(pictures.len() + 1);
     for picture in &pictures {
         paths.push(write(&format!("{}.svg", picture.name), &picture.svg)?);
@@ -75,14 +76,22 @@ pub fn choice(choice: &Choice) -> String {
     figures::choice(choice).svg()
 }
 
+/// Why nothing is drawn.
+#[derive(Debug, thiserror::Error)]
+pub enum PlotError {
+    /// The demonstrations, or the folder of pictures.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The model file.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
 /// Reads the demonstrations a model was learned from.
-fn read_demonstrations(
-    model: &SkillModel,
-    folder: &Path,
-) -> Result<Vec<Demonstration>, LearnerError> {
+fn read_demonstrations(model: &SkillModel, folder: &Path) -> Result<Vec<Demonstration>, FileError> {
     let read = |source: &skill_model::Source| {
         let path = folder.join(&source.file);
-        let fail = |problem: String| LearnerError::Input {
+        let fail = |problem: String| FileError::Input {
             path: path.clone(),
             place: format!("from which the model `{}` was learned", model.skill),
             problem,
@@ -91,7 +100,7 @@ fn read_demonstrations(
             return Err(fail("expected this file, found none".into()));
         }
         let bytes = std::fs::read(&path)
-            .map_err(|source| LearnerError::Read { path: path.clone(), source })?;
+            .map_err(|source| FileError::Read { path: path.clone(), source })?;
         let found = sha256_hex(&bytes);
         if found != source.sha256 {
             let expected = &source.sha256;
@@ -148,17 +157,17 @@ fn pictures(skill: &Skill, shown: &[Demonstration]) -> Vec<Picture> {
     let (model, planar) = (skill.model, skill.planar());
     let frames = shown_frames(model, shown);
     let names: Vec<&str> = frames.iter().map(|(name, _)| *name).collect();
-    let pace = pace(model, shown);
+    let profile = profile(model, shown);
     let paths: Vec<Vec<Canonical>> = (0..shown.len())
         .map(|i| {
             let frames: Vec<Pose> = frames.iter().map(|(_, poses)| poses[i]).collect();
-            canonical_path(skill, &pace, &shown[i], &frames)
+            canonical_path(skill, &profile, &shown[i], &frames)
         })
         .collect();
     let dimension = model.manifold.position_dimension();
     let gaussians = gaussians(model);
     let home_frames = home(skill, &frames);
-    let scene = |frames| Scene::new(skill, frames, &paths, &gaussians, &pace);
+    let scene = |frames| Scene::new(skill, frames, &paths, &gaussians, &profile);
     let at_home = scene(home_frames.clone());
 
     let mut pictures = Vec::new();
@@ -299,13 +308,14 @@ fn add_fields(
 /// The poses of a demonstration between its rests, with these frames, in canonical coordinates.
 fn canonical_path(
     skill: &Skill,
-    pace: &Pace,
+    profile: &PhaseProfile,
     shown: &Demonstration,
     frames: &[Pose],
 ) -> Vec<Canonical> {
     let transforms = skill.displacement(frames);
     let moving = moving(&shown.poses);
-    let mut path = canonical::canonical_path(&skill.map, &transforms, pace, &shown.poses[moving]);
+    let mut path =
+        canonical::canonical_path(&skill.map, &transforms, profile, &shown.poses[moving]);
     if !shown.manifold.has_orientation() {
         path.iter_mut().for_each(|y| y.rotation = DVec3::ZERO);
     }
@@ -313,14 +323,14 @@ fn canonical_path(
 }
 
 /// How the phase runs in these demonstrations.
-fn pace(model: &SkillModel, shown: &[Demonstration]) -> Pace {
+fn profile(model: &SkillModel, shown: &[Demonstration]) -> PhaseProfile {
     let duration = |d: &Demonstration| (moving(&d.poses).len() - 1) as f64 * d.sampling_time_s;
     let mean_s = shown.iter().map(duration).sum::<f64>() / shown.len() as f64;
     match &model.policy {
         skill_model::Policy::Canonical { position, .. } => {
-            Pace::damped(mean_s, position.damping_1_s)
+            PhaseProfile::damped(mean_s, position.damping_1_s)
         }
-        skill_model::Policy::Thesis(_) => Pace::even(),
+        skill_model::Policy::Thesis(_) => PhaseProfile::linear(),
     }
 }
 

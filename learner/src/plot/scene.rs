@@ -10,7 +10,7 @@ use tprmp_rmpflow::policy::{self, PolicyState};
 use tprmp_spatial::{MovingPose, Pose};
 
 use super::forces::Forces;
-use crate::canonical::pace::Pace;
+use crate::canonical::PhaseProfile;
 use crate::certify::policy::{Learned, Situation};
 use crate::certify::rollout::{Course, acceleration, follow};
 use tprmp_drawing::Ellipsoid;
@@ -129,12 +129,12 @@ impl<'a> Scene<'a> {
         frames: Vec<Pose>,
         demonstrations: &[Vec<Canonical>],
         gaussians: &[Ellipsoid],
-        pace: &Pace,
+        profile: &PhaseProfile,
     ) -> Self {
         let transforms = skill.displacement(&frames);
         let carried = |path: &Vec<Canonical>| -> Vec<Pose> {
             let last = (path.len() - 1) as f64;
-            let phase = |i: usize| pace.at(i as f64 / last)[0];
+            let phase = |i: usize| profile.at(i as f64 / last)[0];
             let points = path.iter().enumerate();
             points.map(|(i, y)| skill.map.forward(&transforms, phase(i), y)).collect()
         };

@@ -9,7 +9,7 @@ use tprmp_robot::{Chain, Kinematics, count_joints, forward_kinematics};
 use tprmp_spatial::Pose;
 
 use super::RecordError;
-use crate::error::LearnerError;
+use crate::file_error::FileError;
 
 /// An arm of any number of joints.
 pub(super) trait Arm {
@@ -41,8 +41,8 @@ impl<const N: usize> Arm for Serial<N> {
 }
 
 /// Reads the arm that a controller's configuration names.
-pub(super) fn read(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, LearnerError> {
-    match count_joints(&robot.urdf, robot.selection()).map_err(RecordError::from)? {
+pub(super) fn read(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, RecordError> {
+    match count_joints(&robot.urdf, robot.selection())? {
         2 => serial::<2>(config, robot),
         3 => serial::<3>(config, robot),
         4 => serial::<4>(config, robot),
@@ -54,8 +54,8 @@ pub(super) fn read(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, Learner
     }
 }
 
-fn serial<const N: usize>(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, LearnerError> {
-    let chain = Chain::<N>::from_urdf(&robot.urdf, robot.selection()).map_err(RecordError::from)?;
+fn serial<const N: usize>(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, RecordError> {
+    let chain = Chain::<N>::from_urdf(&robot.urdf, robot.selection())?;
     if chain.joint_names()[..] != robot.joints[..] {
         let problem = format!(
             "expected the joints that `{}` has between its root and `{}`, {:?}, found {:?}",
@@ -64,7 +64,7 @@ fn serial<const N: usize>(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, 
             chain.joint_names(),
             robot.joints
         );
-        return Err(LearnerError::key(config, "robot.joints", problem));
+        return Err(FileError::key(config, "robot.joints", problem).into());
     }
     Ok(Box::new(Serial { chain, kinematics: Kinematics::new() }))
 }

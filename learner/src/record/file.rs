@@ -8,7 +8,7 @@ use rustix::fs::{CWD, RenameFlags, renameat_with};
 use rustix::io::Errno;
 
 use crate::demonstration::{self, Demonstration};
-use crate::error::LearnerError;
+use crate::file_error::FileError;
 
 /// How often a number is looked for that nobody else took in the meantime.
 const TRIES: u32 = 100;
@@ -23,8 +23,8 @@ pub(super) struct Folder {
 
 impl Folder {
     /// Makes the folder where it is missing, and tries it: what is shown later must not be lost.
-    pub(super) fn open(path: &Path) -> Result<Self, LearnerError> {
-        let failed = |path: &Path, source| LearnerError::Write { path: path.into(), source };
+    pub(super) fn open(path: &Path) -> Result<Self, FileError> {
+        let failed = |path: &Path, source| FileError::Write { path: path.into(), source };
         fs::create_dir_all(path).map_err(|source| failed(path, source))?;
         let draft = path.join(format!(".recording-{}.part", std::process::id()));
         File::create(&draft).map_err(|source| failed(&draft, source))?;
@@ -35,14 +35,14 @@ impl Folder {
     /// Writes a demonstration under the next number, and reads it back before it gets its name.
     ///
     /// # Errors
-    /// [`LearnerError::Input`] when training would refuse the file, [`LearnerError::Write`] or
-    /// [`LearnerError::Read`] when the folder fails; there is no file then.
+    /// [`FileError::Input`] when training would refuse the file, [`FileError::Write`] or
+    /// [`FileError::Read`] when the folder fails; there is no file then.
     pub(super) fn save(
         &self,
         demonstration: &Demonstration,
         start_frame: &str,
         goal_frame: &str,
-    ) -> Result<PathBuf, LearnerError> {
+    ) -> Result<PathBuf, FileError> {
         let text = demonstration::to_text(demonstration, start_frame, goal_frame);
         let named = self
             .write(&text)
@@ -55,17 +55,17 @@ impl Folder {
         named
     }
 
-    fn write(&self, text: &str) -> Result<(), LearnerError> {
+    fn write(&self, text: &str) -> Result<(), FileError> {
         File::create(&self.draft)
             .and_then(|mut file| {
                 file.write_all(text.as_bytes())?;
                 file.sync_all()
             })
-            .map_err(|source| LearnerError::Write { path: self.draft.clone(), source })
+            .map_err(|source| FileError::Write { path: self.draft.clone(), source })
     }
 
     /// Gives the draft the next free name.
-    fn name(&self) -> Result<PathBuf, LearnerError> {
+    fn name(&self) -> Result<PathBuf, FileError> {
         let mut refusal = Errno::EXIST;
         for _ in 0..TRIES {
             let path = self.path.join(format!("{:02}.json", self.last_number()? + 1));
@@ -79,12 +79,12 @@ impl Folder {
                 }
             }
         }
-        Err(LearnerError::Write { path: self.path.clone(), source: refusal.into() })
+        Err(FileError::Write { path: self.path.clone(), source: refusal.into() })
     }
 
     /// The greatest number that is the name of a JSON file, 0 without one.
-    fn last_number(&self) -> Result<u64, LearnerError> {
-        let unreadable = |source| LearnerError::Read { path: self.path.clone(), source };
+    fn last_number(&self) -> Result<u64, FileError> {
+        let unreadable = |source| FileError::Read { path: self.path.clone(), source };
         let mut last = 0;
         for entry in fs::read_dir(&self.path).map_err(unreadable)? {
             let name = entry.map_err(unreadable)?.file_name().to_string_lossy().into_owned();
@@ -139,13 +139,13 @@ mod tests {
         let read = demonstration::read(&written, "start", "end").unwrap();
         assert_eq!(read.poses, demonstration(12).poses);
         let refused = save(3).unwrap_err();
-        assert!(matches!(refused, LearnerError::Input { .. }), "{refused}");
+        assert!(matches!(refused, FileError::Input { .. }), "{refused}");
         assert_eq!(names(), ["01.json", "07.json", "08.json", "pick_90.json"]);
         assert_eq!(fs::read_to_string(folder.path.join("07.json")).unwrap(), "not mine");
         fs::remove_dir_all(&path).unwrap();
-        assert!(matches!(save(12), Err(LearnerError::Write { .. })));
+        assert!(matches!(save(12), Err(FileError::Write { .. })));
         fs::write(&path, "a file").unwrap();
-        assert!(matches!(Folder::open(&path), Err(LearnerError::Write { .. })));
+        assert!(matches!(Folder::open(&path), Err(FileError::Write { .. })));
         fs::remove_file(&path).unwrap();
     }
 }

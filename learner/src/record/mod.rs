@@ -26,7 +26,7 @@ use tprmp_messages::{
 use tprmp_model::controller_config::{self, ConfigError};
 use tprmp_robot::UrdfError;
 
-use crate::error::LearnerError;
+use crate::file_error::FileError;
 use crate::skill::Skill;
 use arm::Arm;
 use file::Folder;
@@ -76,6 +76,9 @@ fn sampling_time(text: &str) -> Result<f64, String> {
 /// Why nothing can be recorded.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
+    /// The skill file, the configuration, or the folder of demonstrations.
+    #[error(transparent)]
+    File(#[from] FileError),
     /// The controller's configuration.
     #[error(transparent)]
     Config(#[from] ConfigError),
@@ -93,10 +96,10 @@ pub enum RecordError {
 /// Records demonstrations until there are as many as asked for, or a signal ends it.
 ///
 /// # Errors
-/// [`LearnerError`], naming file and key: configuration, skill file or URDF are wrong or do not
+/// [`RecordError`], naming file and key: configuration, skill file or URDF are wrong or do not
 /// fit each other, the services cannot be opened, or the folder cannot be written.
-pub fn record(options: &Options) -> Result<(), LearnerError> {
-    let config = controller_config::read(&options.config).map_err(RecordError::from)?;
+pub fn record(options: &Options) -> Result<(), RecordError> {
+    let config = controller_config::read(&options.config)?;
     let skill = Skill::read(&options.skill)?;
     if skill.tool_frame != config.robot.tool_link {
         let problem = format!(
@@ -105,7 +108,7 @@ pub fn record(options: &Options) -> Result<(), LearnerError> {
             config.robot.tool_link,
             skill.tool_frame
         );
-        return Err(LearnerError::key(&options.skill, "tool_frame", problem));
+        return Err(FileError::key(&options.skill, "tool_frame", problem).into());
     }
     let task = Task::new(&skill, options.sampling_time_s);
     let wire_name = |name: &String| {
@@ -115,13 +118,13 @@ pub fn record(options: &Options) -> Result<(), LearnerError> {
             _ => "other_frames",
         };
         let problem = format!("expected a name of 1 to {NAME_CAPACITY} bytes, found `{name}`");
-        name_bytes(name).ok_or_else(|| LearnerError::key(&options.skill, key, problem))
+        name_bytes(name).ok_or_else(|| FileError::key(&options.skill, key, problem))
     };
     let names = task.frames().map(wire_name).collect::<Result<Vec<_>, _>>()?;
     let arm = arm::read(&options.config, &config.robot)?;
     let folder = Folder::open(&options.out)?;
-    let instance = Instance::new(&options.instance).map_err(RecordError::from)?;
-    let ports = instance.open_observer().map_err(RecordError::from)?;
+    let instance = Instance::new(&options.instance)?;
+    let ports = instance.open_observer()?;
     let stop = stop_signal().map_err(RecordError::Signals)?;
     let session = Session {
         count: options.count.unwrap_or(u32::MAX),
@@ -164,7 +167,7 @@ struct Session {
 }
 
 impl Session {
-    fn run(mut self, ports: &ObserverPorts, stop: &AtomicBool) -> Result<(), LearnerError> {
+    fn run(mut self, ports: &ObserverPorts, stop: &AtomicBool) -> Result<(), RecordError> {
         let mut last_state: Option<Instant> = None;
         let mut gone = false;
         while !stop.load(Ordering::Relaxed) && self.written < self.count {
@@ -206,7 +209,7 @@ impl Session {
     }
 
     /// Takes in one state.
-    fn see(&mut self, state: &RobotState) -> Result<(), LearnerError> {
+    fn see(&mut self, state: &RobotState) -> Result<(), RecordError> {
         let event = match self.states.take(state) {
             Ok(None) => return Ok(()),
             Ok(Some(skipped)) => {
@@ -223,7 +226,7 @@ impl Session {
         self.handle(event)
     }
 
-    fn handle(&mut self, event: Option<Event>) -> Result<(), LearnerError> {
+    fn handle(&mut self, event: Option<Event>) -> Result<(), RecordError> {
         match event {
             None => {}
             Some(Event::Begun { tool_as_start: false }) => tell("recording"),
@@ -237,7 +240,7 @@ impl Session {
         Ok(())
     }
 
-    fn save(&mut self, shown: Shown) -> Result<(), LearnerError> {
+    fn save(&mut self, shown: Shown) -> Result<(), RecordError> {
         let Skill { start_frame, goal_frame, .. } = &self.skill;
         match self.folder.save(&shown.demonstration, start_frame, goal_frame) {
             Ok(path) => {
@@ -251,11 +254,11 @@ impl Session {
                 Ok(())
             }
             // What training would refuse is no demonstration; the next one may be.
-            Err(LearnerError::Input { place, problem, .. }) => {
+            Err(FileError::Input { place, problem, .. }) => {
                 tell(&format!("not recorded: {place}: {problem}"));
                 Ok(())
             }
-            Err(error) => Err(error),
+            Err(error) => Err(error.into()),
         }
     }
 }

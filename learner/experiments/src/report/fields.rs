@@ -9,7 +9,7 @@ use super::paths::{grid, panel, points};
 use crate::dataset::SkillSet;
 use crate::models::Kind;
 use tprmp_drawing::{Panel, Picture, Scale, Sign, Stroke, of_phase};
-use tprmp_learner::canonical::pace::Pace;
+use tprmp_learner::canonical::PhaseProfile;
 use tprmp_learner::plot::field::Grid;
 use tprmp_learner::plot::gallery;
 use tprmp_learner::plot::scene::{Scene, Skill, position_part};
@@ -95,7 +95,7 @@ fn with_scene<T>(model: &SkillModel, set: &SkillSet, draw: impl FnOnce(&Scene) -
         .map(|frame| tprmp_learner::plot::frame_of(model, shown, &frame.name))
         .collect::<Option<Vec<_>>>()?;
     let gaussians = tprmp_learner::plot::gaussians(model);
-    Some(draw(&Scene::new(&skill, frames, &[], &gaussians, &Pace::even())))
+    Some(draw(&Scene::new(&skill, frames, &[], &gaussians, &PhaseProfile::linear())))
 }
 
 fn background(panel: &mut Panel, scene: &Scene, dissipation: bool) {

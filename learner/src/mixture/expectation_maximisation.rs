@@ -11,7 +11,7 @@ use glam::{DQuat, DVec3};
 use nalgebra::{DMatrix, DVector};
 use tprmp_spatial::rotation::rotation_vector;
 
-use crate::canonical::orientation::mean_orientation;
+use crate::canonical::means::mean_orientation;
 use crate::skill::Ordering;
 
 /// Most coordinates of a view: time, position, rotation.

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
 use tprmp_rmpflow::policy::canonical::field::COMPONENT_CAPACITY;
+use tprmp_spatial::Pose;
 
-use crate::canonical::pace::Pace;
-use crate::demonstration::DURATION_MAX_S;
-use crate::error::{LearnerError, read_text};
+use crate::demonstration::{DURATION_MAX_S, Demonstration};
+use crate::file_error::{FileError, read_text};
 
 /// Schema version this module reads.
 pub const SCHEMA: &str = "tprmp-skill/3";
@@ -65,16 +65,6 @@ impl FitSettings {
         match self {
             Self::Canonical(_) => None,
             Self::Thesis(settings) => settings.kaiser_smoothing,
-        }
-    }
-
-    /// How the phase runs in demonstrations of this duration [s].
-    #[must_use]
-    pub fn pace(&self, duration_s: f64) -> Pace {
-        match self {
-            Self::Canonical(settings) => Pace::damped(duration_s, settings.damping_1_s),
-            // Its policy has no phase.
-            Self::Thesis(_) => Pace::even(),
         }
     }
 }
@@ -284,19 +274,19 @@ impl Skill {
     /// Reads and validates a skill file.
     ///
     /// # Errors
-    /// [`LearnerError`], naming the file and the key or line: missing, not RON, an unknown or
+    /// [`FileError`], naming the file and the key or line: missing, not RON, an unknown or
     /// missing key, or a value outside its range.
-    pub fn read(path: &Path) -> Result<Self, LearnerError> {
+    pub fn read(path: &Path) -> Result<Self, FileError> {
         let text = read_text(path)?;
         // `fit: Canonical(damping_1_s: …)` instead of two pairs of parentheses.
         let options = ron::Options::default()
             .with_default_extension(ron::extensions::Extensions::UNWRAP_VARIANT_NEWTYPES);
         let skill: Self = options.from_str(&text).map_err(|e| {
-            LearnerError::syntax(path, e.span.start.line, e.span.start.col, e.code.to_string())
+            FileError::syntax(path, e.span.start.line, e.span.start.col, e.code.to_string())
         })?;
         skill
             .validate()
-            .map_err(|(key, problem)| LearnerError::key(path, key, problem))
+            .map_err(|(key, problem)| FileError::key(path, key, problem))
             .map(|()| skill)
     }
 
@@ -307,6 +297,30 @@ impl Skill {
     pub fn with_components(mut self, components: usize) -> Result<Self, String> {
         self.mixture.components = components;
         self.validate_counts().map_err(|(_, problem)| problem).map(|()| self)
+    }
+
+    /// The frames of a demonstration by name, in the skill's order: start, goal unless it is the same,
+    /// then the others.
+    ///
+    /// # Panics
+    /// When the demonstration lacks one of them; [`read_folder`](crate::demonstration::read_folder)
+    /// refuses such.
+    pub fn named_frames<'a>(
+        &'a self,
+        demonstration: &'a Demonstration,
+    ) -> impl Iterator<Item = (&'a str, Pose)> {
+        let start = (self.start_frame != self.goal_frame)
+            .then_some((self.start_frame.as_str(), demonstration.start));
+        let goal = (self.goal_frame.as_str(), demonstration.goal_frame);
+        let others = self.other_frames.iter();
+        let others = others.map(|name| (name.as_str(), demonstration.other_frames[name]));
+        start.into_iter().chain([goal]).chain(others)
+    }
+
+    /// The poses of [`Skill::named_frames`].
+    #[must_use]
+    pub fn frames(&self, demonstration: &Demonstration) -> Vec<Pose> {
+        self.named_frames(demonstration).map(|(_, pose)| pose).collect()
     }
 
     /// Every value as `section.key` and text, in order of the keys.

@@ -8,11 +8,13 @@
 //! ```
 //!
 //! a constant pull on the way, and a spring without overshoot at the goal (f′(1) = −d²/4). A potential
-//! with this slope reproduces it without a lag. A pace that suits the eye, such as one that rises like
+//! with this slope reproduces it without a lag. A profile that suits the eye, such as one that rises like
 //! t³, has no such potential: where s̈ + d ṡ is no smooth function of s, each error at the start grows.
 //!
 //! v is such that the phase ends, after the duration, where all but a fraction of w is left; that is then
 //! called 1.
+
+use crate::skill::FitSettings;
 
 /// What is left of w when the demonstrations end.
 const LEFT: f64 = 0.2;
@@ -23,19 +25,29 @@ const HALVINGS: usize = 60;
 
 /// The phase as a function of the fraction of a duration.
 #[derive(Clone, Debug)]
-pub struct Pace {
+pub struct PhaseProfile {
     /// At equal steps of the fraction: the phase and its first two derivatives by the fraction.
     table: Vec<[f64; 3]>,
 }
 
-impl Pace {
+impl PhaseProfile {
+    /// The profile in demonstrations of this duration [s] that are learned from with these settings.
+    #[must_use]
+    pub fn of(fit: &FitSettings, duration_s: f64) -> Self {
+        match fit {
+            FitSettings::Canonical(settings) => Self::damped(duration_s, settings.damping_1_s),
+            // The thesis' policy has no phase.
+            FitSettings::Thesis(_) => Self::linear(),
+        }
+    }
+
     /// The phase is the fraction.
     #[must_use]
-    pub fn even() -> Self {
+    pub fn linear() -> Self {
         Self { table: vec![[0.0, 1.0, 0.0], [1.0, 1.0, 0.0]] }
     }
 
-    /// The pace of a policy with this damping in demonstrations of this duration.
+    /// The profile of a policy with this damping in demonstrations of this duration.
     ///
     /// * `duration_s`     above 0
     /// * `damping_1_s`    d, above 0

@@ -1,0 +1,55 @@
+//! What is wrong with a file: every command that reads or writes files reports it so.
+
+use std::path::{Path, PathBuf};
+
+/// A file or folder is the problem. Each message names it, and the place in it.
+#[derive(Debug, thiserror::Error)]
+pub enum FileError {
+    /// It cannot be read.
+    #[error("`{path}` cannot be read: {source}")]
+    Read {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// It cannot be written.
+    #[error("`{path}` cannot be written: {source}")]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// Its content is not what it should be.
+    #[error("`{path}`, {place}: {problem}")]
+    Input {
+        /// The file or folder.
+        path: PathBuf,
+        /// The key, or line and column.
+        place: String,
+        /// What was expected, and found.
+        problem: String,
+    },
+}
+
+impl FileError {
+    /// A wrong value at a key of a file.
+    pub fn key(path: &Path, key: impl std::fmt::Display, problem: impl Into<String>) -> Self {
+        Self::Input { path: path.into(), place: format!("key `{key}`"), problem: problem.into() }
+    }
+
+    /// A file that does not parse.
+    pub fn syntax(path: &Path, line: usize, column: usize, problem: impl Into<String>) -> Self {
+        Self::Input {
+            path: path.into(),
+            place: format!("line {line}, column {column}"),
+            problem: problem.into(),
+        }
+    }
+}
+
+/// Reads a text file.
+pub fn read_text(path: &Path) -> Result<String, FileError> {
+    std::fs::read_to_string(path).map_err(|source| FileError::Read { path: path.into(), source })
+}
