@@ -16,7 +16,8 @@ use tprmp_model::controller_config::{ControllerConfig, Trigger};
 
 use crate::commands::monitor::Board;
 use crate::inputs::external::ExternalCommand;
-use crate::inputs::{JointState, Scene, check_state, jumps, within_position_limits};
+use crate::inputs::scene::Scene;
+use crate::inputs::state::{JointState, check_state, jumps, within_position_limits};
 use crate::motion::limits::JointLimits;
 use crate::motion::{Motion, Setpoint};
 use crate::policy::{Policy, TaskParameters, Workspace};

@@ -3,12 +3,8 @@
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use clap::{Args, Parser, Subcommand};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::flag;
 use tprmp_controller::commands::monitor::Monitor;
 use tprmp_controller::commands::overrides::Overrides;
 use tprmp_controller::commands::soak::Soak;
@@ -17,7 +13,7 @@ use tprmp_controller::startup::{self, StartError, WithRobot};
 use tprmp_controller::timing::allocation::CountingAllocator;
 use tprmp_controller::timing::pacing::Pace;
 use tprmp_controller::timing::realtime;
-use tprmp_messages::{Instance, LAYOUT, LifeCycle};
+use tprmp_messages::{Instance, LAYOUT, LifeCycle, stop_flag};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -183,13 +179,7 @@ impl WithRobot for Run<'_> {
             loaded.skills.iter().map(|skill| format!("`{}`", skill.model.skill)).collect();
         let mut cycle =
             startup::cycle::<N>(&arguments.config, loaded, pace, arguments.until_done, &instance)?;
-        // After the ports exist, so that nothing replaces the handlers.
-        let stop = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
-            flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
-                .and_then(|_| flag::register(signal, Arc::clone(&stop)))
-                .map_err(StartError::Signals)?;
-        }
+        let stop = stop_flag().map_err(StartError::Signals)?;
         eprintln!(
             "controller: skill {}, {N} joints, instance `{}`: waiting for state and frames",
             names.join(" with "),

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
-use tprmp_messages::{ControllerPorts, FRAME_CAPACITY, Instance, ServiceError, name_bytes};
+use tprmp_messages::{
+    ControllerPorts, FRAME_CAPACITY, Instance, NAME_CAPACITY, ServiceError, name_bytes,
+};
 use tprmp_model::controller_config::{self, ConfigError, ControlPoint, ControllerConfig};
 use tprmp_model::skill_model::{self, ModelError, SkillModel};
 use tprmp_rmpflow::policy::Policy as SkillPolicy;
@@ -11,7 +13,7 @@ use tprmp_robot::{Chain, ControlPointError, ControlPoints, UrdfError, count_join
 
 use crate::commands::soak::SoakError;
 use crate::cycle::Cycle;
-use crate::inputs::Scene;
+use crate::inputs::scene::Scene;
 use crate::motion::limits::working_range;
 use crate::policy::Policy;
 use crate::timing::pacing::Pace;
@@ -279,11 +281,11 @@ fn load_skill(
         ));
     }
     for name in model.frames.iter().map(|frame| &frame.name) {
-        if name_bytes(name).is_none() {
+        if name_bytes(name).is_err() {
             return Err(mismatch(
                 "frames",
                 format!("a frame named `{name}`"),
-                "messages with names of 1 to 24 bytes".into(),
+                format!("messages with names of 1 to {NAME_CAPACITY} bytes"),
             ));
         }
     }

@@ -50,18 +50,24 @@
 //! # Ok::<(), tprmp_messages::ServiceError>(())
 //! ```
 
+mod checks;
 mod layout;
 mod messages;
 mod services;
+mod stop;
 
+pub use checks::{
+    FrameFault, NameFault, ObstacleFault, QUATERNION_TOLERANCE, StateFault, name_bytes, name_str,
+};
 pub use layout::{FieldLayout, LAYOUT};
 pub use messages::{
     CommandMode, ControllerStatus, FRAME_CAPACITY, Frame, GripperCommand, GripperState,
     JOINT_CAPACITY, JointCommand, LifeCycle, NAME_CAPACITY, OBSTACLE_CAPACITY, Obstacle,
-    ObstacleKind, Reason, RobotState, TaskFrames, ToolCommand, name_bytes, name_str,
+    ObstacleKind, Reason, RobotState, TaskFrames, ToolCommand,
 };
 pub use services::{
     ControllerPorts, Instance, OBSERVER_BUFFER, ObserverPorts, Publisher, SHARED_MEMORY_MIN_BYTES,
     Sample, ServiceError, StatePublisherPorts, StatusPort, Subscriber, ToolCommandPort,
     free_shared_memory_bytes,
 };
+pub use stop::stop_flag;

@@ -335,34 +335,9 @@ wire_enum! {
     }
 }
 
-/// A name in the wire's form, `None` when it is empty or longer than [`NAME_CAPACITY`].
-#[must_use]
-pub fn name_bytes(name: &str) -> Option<[u8; NAME_CAPACITY]> {
-    let mut bytes = [0; NAME_CAPACITY];
-    bytes.get_mut(..name.len())?.copy_from_slice(name.as_bytes());
-    (!name.is_empty()).then_some(bytes)
-}
-
-/// A name from the wire's form, `None` when it is not UTF-8.
-#[must_use]
-pub fn name_str(bytes: &[u8; NAME_CAPACITY]) -> Option<&str> {
-    let end = bytes.iter().position(|b| *b == 0).unwrap_or(NAME_CAPACITY);
-    core::str::from_utf8(&bytes[..end]).ok()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_name_survives_the_wire_and_a_bad_one_is_refused() {
-        assert_eq!(name_str(&name_bytes("object").unwrap()), Some("object"));
-        let longest = "a".repeat(NAME_CAPACITY);
-        assert_eq!(name_str(&name_bytes(&longest).unwrap()), Some(longest.as_str()));
-        assert_eq!(name_bytes(&"a".repeat(NAME_CAPACITY + 1)), None);
-        assert_eq!(name_bytes(""), None);
-        assert_eq!(name_str(&[0xff; NAME_CAPACITY]), None);
-    }
 
     #[test]
     fn every_enum_survives_the_wire() {

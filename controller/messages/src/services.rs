@@ -4,8 +4,14 @@ use core::fmt::Debug;
 use std::fs;
 use std::path::PathBuf;
 
+use iceoryx2::node::NodeCreationFailure;
+use iceoryx2::port::publisher::PublisherCreateError;
+use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
+use iceoryx2::service::builder::publish_subscribe::{
+    PublishSubscribeOpenError as OpenError, PublishSubscribeOpenOrCreateError,
+};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use thiserror::Error;
 
@@ -46,7 +52,7 @@ pub enum ServiceError {
         "no shared-memory node could be created ({0}): check that {1} and /dev/shm are writable \
          by this user"
     )]
-    Node(String, String),
+    Node(NodeCreationFailure, String),
     /// A second publisher of the same service.
     #[error("service `{0}` already has a publisher: another one is running on this instance")]
     SecondPublisher(String),
@@ -68,13 +74,19 @@ pub enum ServiceError {
         "service `{0}` exists with other bounds than this program's ({1}): both sides must be of \
          the same version"
     )]
-    Bounds(String, String),
+    Bounds(String, OpenError),
     /// Every place of a reader is taken.
     #[error("service `{0}` already has {SUBSCRIBERS_MAX} readers, as many as it can have: end one")]
     TooManySubscribers(String),
-    /// Anything else iceoryx2 reports.
+    /// Anything else that iceoryx2 reports of a service.
     #[error("service `{0}` could not be opened: {1}")]
-    Open(String, String),
+    Open(String, PublishSubscribeOpenOrCreateError),
+    /// Anything else that it reports of a publisher.
+    #[error("service `{0}` could not be opened: {1}")]
+    Publisher(String, PublisherCreateError),
+    /// Anything else that it reports of a subscriber.
+    #[error("service `{0}` could not be opened: {1}")]
+    Subscriber(String, SubscriberCreateError),
 }
 
 /// One running system: a robot, its publisher and its controller share an instance name.
@@ -145,9 +157,7 @@ impl Instance {
             .config(&self.config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
-            .map_err(|e| {
-                ServiceError::Node(format!("{e:?}"), self.config.global.root_path().to_string())
-            })
+            .map_err(|e| ServiceError::Node(e, self.config.global.root_path().to_string()))
     }
 
     fn service<M: Debug + ZeroCopySend + 'static>(
@@ -156,9 +166,8 @@ impl Instance {
         topic: &str,
     ) -> Result<(String, PortFactory<ipc::Service, M, ()>), ServiceError> {
         let name = format!("{}/{topic}/v1", self.name);
-        let open_error = |e: String| ServiceError::Open(name.clone(), e);
         let service_name: ServiceName =
-            name.as_str().try_into().map_err(|e| open_error(format!("{e:?}")))?;
+            name.as_str().try_into().expect("an instance's name and a topic make a service's name");
         let service = node
             .service_builder(&service_name)
             .publish_subscribe::<M>()
@@ -172,21 +181,7 @@ impl Instance {
             })
             .enable_safe_overflow(true)
             .open_or_create()
-            .map_err(|e| {
-                let text = format!("{e:?}");
-                if text.contains("IncompatibleTypes") {
-                    let message = core::any::type_name::<M>().rsplit("::").next().unwrap_or("?");
-                    ServiceError::Incompatible {
-                        service: name.clone(),
-                        message,
-                        size: size_of::<M>(),
-                    }
-                } else if text.contains("DoesNotSupportRequested") {
-                    ServiceError::Bounds(name.clone(), text)
-                } else {
-                    open_error(text)
-                }
-            })?;
+            .map_err(|error| open_error::<M>(&name, error))?;
         Ok((name, service))
     }
 
@@ -196,13 +191,11 @@ impl Instance {
         topic: &str,
     ) -> Result<Publisher<M>, ServiceError> {
         let (name, service) = self.service::<M>(node, topic)?;
-        service.publisher_builder().create().map(Publisher).map_err(|e| {
-            let text = format!("{e:?}");
-            if text.contains("ExceedsMaxSupportedPublishers") {
+        service.publisher_builder().create().map(Publisher).map_err(|error| match error {
+            PublisherCreateError::ExceedsMaxSupportedPublishers => {
                 ServiceError::SecondPublisher(name)
-            } else {
-                ServiceError::Open(name, text)
             }
+            other => ServiceError::Publisher(name, other),
         })
     }
 
@@ -213,13 +206,12 @@ impl Instance {
         buffer: usize,
     ) -> Result<Subscriber<M>, ServiceError> {
         let (name, service) = self.service::<M>(node, topic)?;
-        service.subscriber_builder().buffer_size(buffer).create().map(Subscriber).map_err(|e| {
-            let text = format!("{e:?}");
-            if text.contains("ExceedsMaxSupportedSubscribers") {
+        let subscriber = service.subscriber_builder().buffer_size(buffer).create();
+        subscriber.map(Subscriber).map_err(|error| match error {
+            SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
                 ServiceError::TooManySubscribers(name)
-            } else {
-                ServiceError::Open(name, text)
             }
+            other => ServiceError::Subscriber(name, other),
         })
     }
 
@@ -292,6 +284,27 @@ impl Instance {
             status: self.subscriber(&node, CONTROLLER_STATUS, OBSERVER_BUFFER)?,
             _node: NodeGuard { node, leftovers: Leftovers(self.clone()) },
         })
+    }
+}
+
+fn open_error<M>(service: &str, error: PublishSubscribeOpenOrCreateError) -> ServiceError {
+    use PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError as Open;
+    let name = service.to_string();
+    match error {
+        Open(OpenError::IncompatibleTypes) => ServiceError::Incompatible {
+            service: name,
+            message: core::any::type_name::<M>().rsplit("::").next().unwrap_or("?"),
+            size: size_of::<M>(),
+        },
+        Open(
+            bound @ (OpenError::DoesNotSupportRequestedMinBufferSize
+            | OpenError::DoesNotSupportRequestedMinHistorySize
+            | OpenError::DoesNotSupportRequestedMinSubscriberBorrowedSamples
+            | OpenError::DoesNotSupportRequestedAmountOfPublishers
+            | OpenError::DoesNotSupportRequestedAmountOfSubscribers
+            | OpenError::DoesNotSupportRequestedAmountOfNodes),
+        ) => ServiceError::Bounds(name, bound),
+        other => ServiceError::Open(name, other),
     }
 }
 

@@ -5,7 +5,6 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -14,9 +13,8 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
-use signal_hook::consts::{SIGINT, SIGTERM};
 use thiserror::Error;
-use tprmp_messages::{ControllerStatus, Instance, Reason, StatusPort};
+use tprmp_messages::{ControllerStatus, Instance, Reason, StatusPort, stop_flag};
 
 use crate::startup::StartError;
 
@@ -161,10 +159,7 @@ impl Soak {
     /// # Errors
     /// When something could not be run, or when something did not hold.
     pub fn run(&self) -> Result<(), StartError> {
-        let stop = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM] {
-            signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(StartError::Signals)?;
-        }
+        let stop = stop_flag().map_err(StartError::Signals)?;
         std::fs::create_dir_all(&self.out)
             .map_err(|source| SoakError::Write { path: self.out.clone(), source })?;
         let port = Instance::new(&self.instance)?.open_status()?;

@@ -57,10 +57,9 @@ impl ExternalCommand {
             linear: message.linear_velocity.into(),
             angular: message.angular_velocity.into(),
         };
-        let finite = velocity.linear.is_finite() && velocity.angular.is_finite();
         let alive = self.alive(now_ns);
         let in_order = alive.is_none_or(|last| message.sequence > last.sequence);
-        if finite && in_order && self.is_fresh(message.time_ns, now_ns) {
+        if message.is_finite() && in_order && self.is_fresh(message.time_ns, now_ns) {
             let velocity = self.leaf.within(&velocity);
             let ToolCommand { sequence, time_ns, .. } = *message;
             self.newest = Some(Heard { sequence, time_ns, velocity });

@@ -11,7 +11,7 @@ use tprmp_messages::Reason;
 use tprmp_model::controller_config::{ControllerConfig, Impedance, Stop};
 use tprmp_robot::Chain;
 
-use crate::inputs::JointState;
+use crate::inputs::state::JointState;
 use crate::motion::disturbance::DisturbanceObserver;
 use crate::motion::limits::JointLimits;
 use crate::motion::tracking::{Reference, Torques, braking, torques};

@@ -6,7 +6,7 @@ use nalgebra::SVector;
 use tprmp_model::controller_config::Impedance;
 use tprmp_robot::{Chain, gravity_torques, inverse_dynamics};
 
-use crate::inputs::JointState;
+use crate::inputs::state::JointState;
 use crate::motion::limits::JointLimits;
 
 /// The integrated position and velocity that a command carries.

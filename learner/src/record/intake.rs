@@ -3,7 +3,10 @@
 use std::fmt;
 
 use glam::{DQuat, DVec3};
-use tprmp_messages::{Frame, NAME_CAPACITY, RobotState, TaskFrames, name_str};
+use tprmp_messages::{
+    Frame, FrameFault, NAME_CAPACITY, QUATERNION_TOLERANCE, RobotState, StateFault, TaskFrames,
+    name_str,
+};
 use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
 use tprmp_spatial::Pose;
 
@@ -14,8 +17,6 @@ pub(super) const GAP_MAX_NS: u64 = 100_000_000;
 const STEP_MIN_NS: u64 = 400_000;
 /// Older frames are not believed [ns].
 const FRAMES_AGE_MAX_NS: u64 = 1_000_000_000;
-/// How far a quaternion's length may be from one, and a planar turn's axis from z.
-const QUATERNION_TOLERANCE: f64 = 1e-3;
 /// How far a frame of a planar skill may lie off the plane [m]: files are written with six decimals.
 const OFF_PLANE_MAX_M: f64 = 5e-7;
 
@@ -94,12 +95,12 @@ impl StateIntake {
         state: &RobotState,
         before: Option<(u64, u64)>,
     ) -> Result<Option<u64>, Fault> {
-        if state.joint_count as usize != self.joints {
-            return Err(Fault::JointCount { expected: self.joints, found: state.joint_count });
-        }
-        if !state.position[..self.joints].iter().all(|q| q.is_finite()) {
-            return Err(Fault::NotFinite);
-        }
+        state.check_positions(self.joints).map_err(|fault| match fault {
+            StateFault::JointCount => {
+                Fault::JointCount { expected: self.joints, found: state.joint_count }
+            }
+            StateFault::NotFinite => Fault::NotFinite,
+        })?;
         if let Some((sequence, time_ns)) = before {
             if state.sequence < sequence {
                 return Err(Fault::SequenceWentBack);
@@ -209,11 +210,9 @@ impl FramesIntake {
 
     /// Takes in a message.
     pub(super) fn take(&mut self, message: &TaskFrames) {
-        let count = (message.frame_count as usize).min(message.frames.len());
-        let frames = &message.frames[..count];
+        let frames = message.listed().unwrap_or(&message.frames);
         for (newest, name) in self.newest.iter_mut().zip(&self.names) {
-            let found = frames.iter().find(|f| f.name == *name);
-            *newest = found.map_or(Sight::Absent, |f| sight(f, self.planar));
+            *newest = sight(frames, name, self.planar);
         }
         self.time_ns = message.time_ns;
         self.published.clear();
@@ -237,19 +236,18 @@ impl FramesIntake {
     }
 }
 
-fn sight(frame: &Frame, planar: bool) -> Sight {
-    if frame.valid != 1 {
-        return Sight::Invalid;
-    }
-    if !frame.position.iter().chain(&frame.quaternion).all(|v| v.is_finite()) {
-        return Sight::NotFinite;
-    }
+fn sight(frames: &[Frame], name: &[u8; NAME_CAPACITY], planar: bool) -> Sight {
+    let found = Frame::find(frames, name);
+    let frame = match found.and_then(|frame| frame.check_pose().map(|()| frame)) {
+        Ok(frame) => frame,
+        Err(FrameFault::Absent) => return Sight::Absent,
+        Err(FrameFault::Invalid) => return Sight::Invalid,
+        Err(FrameFault::NotFinite) => return Sight::NotFinite,
+        Err(FrameFault::NotUnit) => return Sight::NotUnit,
+    };
     let [w, x, y, z] = frame.quaternion;
     let mut position = DVec3::from(frame.position);
     let mut orientation = DQuat::from_xyzw(x, y, z, w);
-    if (orientation.length() - 1.0).abs() > QUATERNION_TOLERANCE {
-        return Sight::NotUnit;
-    }
     if planar {
         if position.z.abs() > OFF_PLANE_MAX_M || x.hypot(y) > QUATERNION_TOLERANCE {
             return Sight::NotPlanar;

@@ -13,15 +13,12 @@ mod take;
 
 use std::io::Write;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::flag;
 use tprmp_messages::{
-    Instance, NAME_CAPACITY, OBSERVER_BUFFER, ObserverPorts, RobotState, ServiceError, name_bytes,
+    Instance, OBSERVER_BUFFER, ObserverPorts, RobotState, ServiceError, name_bytes, stop_flag,
 };
 use tprmp_model::controller_config::{self, ConfigError};
 use tprmp_robot::UrdfError;
@@ -117,15 +114,16 @@ pub fn record(options: &Options) -> Result<(), RecordError> {
             name if *name == skill.start_frame => "start_frame",
             _ => "other_frames",
         };
-        let problem = format!("expected a name of 1 to {NAME_CAPACITY} bytes, found `{name}`");
-        name_bytes(name).ok_or_else(|| FileError::key(&options.skill, key, problem))
+        name_bytes(name).map_err(|fault| {
+            FileError::key(&options.skill, key, format!("{fault}, found `{name}`"))
+        })
     };
     let names = task.frames().map(wire_name).collect::<Result<Vec<_>, _>>()?;
     let arm = arm::read(&options.config, &config.robot)?;
     let folder = Folder::open(&options.out)?;
     let instance = Instance::new(&options.instance)?;
     let ports = instance.open_observer()?;
-    let stop = stop_signal().map_err(RecordError::Signals)?;
+    let stop = stop_flag().map_err(RecordError::Signals)?;
     let session = Session {
         count: options.count.unwrap_or(u32::MAX),
         states: StateIntake::new(arm.joints()),
@@ -139,16 +137,6 @@ pub fn record(options: &Options) -> Result<(), RecordError> {
         written: 0,
     };
     session.run(&ports, &stop)
-}
-
-/// Set by the first signal; the second leaves at once.
-fn stop_signal() -> Result<Arc<AtomicBool>, std::io::Error> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))?;
-        flag::register(signal, Arc::clone(&stop))?;
-    }
-    Ok(stop)
 }
 
 /// One run of `learner record`.

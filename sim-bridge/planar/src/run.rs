@@ -11,14 +11,12 @@
 //! is obeyed for the step from t to t + dt.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::flag;
 use tprmp_messages::{
     CommandMode, ControllerStatus, Frame, Instance, JOINT_CAPACITY, JointCommand, LifeCycle,
     Obstacle, ObstacleKind, Reason, RobotState, StatePublisherPorts, TaskFrames, name_bytes,
+    stop_flag,
 };
 
 use crate::clock::{monotonic_ns, sleep_until};
@@ -62,7 +60,7 @@ pub(crate) fn run(scene: &Scene, options: &Options) -> Result<Outcome, SimError>
     run.save(scene, options, Outcome::Interrupted)?;
     let instance = Instance::new(&options.instance)?;
     let ports = instance.open_state_publisher()?;
-    let stop = stop_signal()?;
+    let stop = stop_flag().map_err(SimError::Signals)?;
     eprintln!(
         "planar-sim: seed {}, instance `{}`: publishing at {} Hz, waiting for a controller",
         options.seed, options.instance, scene.physics.rate_hz
@@ -76,17 +74,6 @@ pub(crate) fn run(scene: &Scene, options: &Options) -> Result<Outcome, SimError>
     }
     run.print(outcome, &options.out);
     Ok(outcome)
-}
-
-/// Set by the first SIGINT or SIGTERM; the second leaves at once.
-fn stop_signal() -> Result<Arc<AtomicBool>, SimError> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
-            .and_then(|_| flag::register(signal, Arc::clone(&stop)))
-            .map_err(SimError::Signals)?;
-    }
-    Ok(stop)
 }
 
 /// One run: the loop's state.
@@ -113,9 +100,8 @@ struct Run {
 impl Run {
     fn new(scene: &Scene, options: &Options, world: World) -> Result<Self, SimError> {
         let name = |key: &str, name: &str| {
-            name_bytes(name).ok_or_else(|| {
-                let problem = format!("expected 1 to 24 bytes, found `{name}`");
-                SimError::key(&scene.file, key, problem)
+            name_bytes(name).map_err(|fault| {
+                SimError::key(&scene.file, key, format!("{fault}, found `{name}`"))
             })
         };
         let frame = |name| Frame { name, valid: 1, quaternion: NO_ROTATION, ..Default::default() };

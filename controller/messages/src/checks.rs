@@ -1,0 +1,268 @@
+//! What a message must be by itself, before anybody believes it: counts, names, finite numbers, unit
+//! quaternions. Whether it fits a robot, a skill or the time is judged by whoever reads it.
+
+use core::fmt;
+
+use crate::messages::{
+    Frame, NAME_CAPACITY, Obstacle, ObstacleKind, Reason, RobotState, TaskFrames, ToolCommand,
+};
+
+/// How far a quaternion's length may be from one.
+pub const QUATERNION_TOLERANCE: f64 = 1e-3;
+
+/// What is wrong with a state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StateFault {
+    /// Another number of joints than the robot's.
+    JointCount,
+    /// A number is not finite.
+    NotFinite,
+}
+
+/// What is wrong with a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FrameFault {
+    /// It is not among the published frames.
+    Absent,
+    /// It is marked invalid.
+    Invalid,
+    /// A number is not finite.
+    NotFinite,
+    /// The quaternion is not of unit length.
+    NotUnit,
+}
+
+/// What is wrong with an obstacle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ObstacleFault {
+    /// Its kind, its mark or its size is none that there is, or there are more than a message carries.
+    Unknown,
+    /// A number is not finite.
+    NotFinite,
+    /// The quaternion is not of unit length.
+    NotUnit,
+}
+
+/// A name that no message carries; as text, what was expected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NameFault;
+
+impl fmt::Display for NameFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "expected a name of 1 to {NAME_CAPACITY} bytes")
+    }
+}
+
+impl From<StateFault> for Reason {
+    fn from(fault: StateFault) -> Self {
+        match fault {
+            StateFault::JointCount => Self::JointCount,
+            StateFault::NotFinite => Self::StateNotFinite,
+        }
+    }
+}
+
+impl From<FrameFault> for Reason {
+    fn from(fault: FrameFault) -> Self {
+        match fault {
+            FrameFault::Absent | FrameFault::Invalid => Self::FrameMissing,
+            FrameFault::NotFinite => Self::FrameNotFinite,
+            FrameFault::NotUnit => Self::QuaternionNotUnit,
+        }
+    }
+}
+
+impl From<ObstacleFault> for Reason {
+    fn from(fault: ObstacleFault) -> Self {
+        match fault {
+            ObstacleFault::Unknown => Self::ObstacleUnknown,
+            ObstacleFault::NotFinite => Self::FrameNotFinite,
+            ObstacleFault::NotUnit => Self::QuaternionNotUnit,
+        }
+    }
+}
+
+fn finite<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
+    values.into_iter().all(|value| value.is_finite())
+}
+
+/// Whether a quaternion `w, x, y, z` is of unit length, up to [`QUATERNION_TOLERANCE`].
+fn is_unit([w, x, y, z]: [f64; 4]) -> bool {
+    ((x * x + y * y + z * z + w * w).sqrt() - 1.0).abs() <= QUATERNION_TOLERANCE
+}
+
+impl RobotState {
+    /// The positions of `joints` joints \[rad or m\].
+    ///
+    /// # Errors
+    /// When it has another number of them, or one is not finite.
+    pub fn check_positions(&self, joints: usize) -> Result<&[f64], StateFault> {
+        if self.joint_count as usize != joints {
+            return Err(StateFault::JointCount);
+        }
+        let position = &self.position[..joints];
+        finite(position).then_some(position).ok_or(StateFault::NotFinite)
+    }
+
+    /// The positions and velocities of `joints` joints \[rad or m, rad/s or m/s\]; the torques are
+    /// checked too.
+    ///
+    /// # Errors
+    /// As [`Self::check_positions`].
+    pub fn check(&self, joints: usize) -> Result<[&[f64]; 2], StateFault> {
+        let position = self.check_positions(joints)?;
+        let (velocity, torque) = (&self.velocity[..joints], &self.torque[..joints]);
+        finite(velocity.iter().chain(torque))
+            .then_some([position, velocity])
+            .ok_or(StateFault::NotFinite)
+    }
+}
+
+impl TaskFrames {
+    /// The frames in use.
+    ///
+    /// # Errors
+    /// When there are more of them than a message carries.
+    pub fn listed(&self) -> Result<&[Frame], FrameFault> {
+        self.frames.get(..self.frame_count as usize).ok_or(FrameFault::Absent)
+    }
+
+    /// The obstacles that are there.
+    ///
+    /// # Errors
+    /// When more are in use than a message carries.
+    pub fn present(&self) -> Result<impl Iterator<Item = &Obstacle>, ObstacleFault> {
+        let listed =
+            self.obstacles.get(..self.obstacle_count as usize).ok_or(ObstacleFault::Unknown)?;
+        Ok(listed.iter().filter(|obstacle| obstacle.valid != 0))
+    }
+}
+
+impl Frame {
+    /// The frame of this name among `frames`, a valid one where there are several.
+    ///
+    /// # Errors
+    /// When there is none, or none is valid.
+    pub fn find<'a>(
+        frames: &'a [Self],
+        name: &[u8; NAME_CAPACITY],
+    ) -> Result<&'a Self, FrameFault> {
+        let mut named = frames.iter().filter(|frame| frame.name == *name).peekable();
+        let missing = if named.peek().is_some() { FrameFault::Invalid } else { FrameFault::Absent };
+        named.find(|frame| frame.valid == 1).ok_or(missing)
+    }
+
+    /// Whether its pose can be used.
+    ///
+    /// # Errors
+    /// When a number of it is not finite, or the quaternion is not of unit length.
+    pub fn check_pose(&self) -> Result<(), FrameFault> {
+        if !finite(self.position.iter().chain(&self.quaternion)) {
+            return Err(FrameFault::NotFinite);
+        }
+        is_unit(self.quaternion).then_some(()).ok_or(FrameFault::NotUnit)
+    }
+
+    /// Whether its pose and velocities can be used.
+    ///
+    /// # Errors
+    /// As [`Self::check_pose`].
+    pub fn check(&self) -> Result<(), FrameFault> {
+        if !finite(self.linear_velocity.iter().chain(&self.angular_velocity)) {
+            return Err(FrameFault::NotFinite);
+        }
+        self.check_pose()
+    }
+}
+
+impl Obstacle {
+    /// Its kind, where that is known and everything else can be used. A ball looks the same from all
+    /// sides: the length of its quaternion does not matter.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn check(&self) -> Result<ObstacleKind, ObstacleFault> {
+        if self.valid != 1 {
+            return Err(ObstacleFault::Unknown);
+        }
+        if !finite(self.quaternion.iter().chain(&self.size)) {
+            return Err(ObstacleFault::NotFinite);
+        }
+        let kind = ObstacleKind::from_wire(self.kind).ok_or(ObstacleFault::Unknown)?;
+        let sizes = match kind {
+            ObstacleKind::HalfSpace => 0,
+            ObstacleKind::Sphere => 1,
+            ObstacleKind::Capsule => 2,
+            ObstacleKind::Box => 3,
+        };
+        if self.size[..sizes].iter().any(|size| *size < 0.0) {
+            return Err(ObstacleFault::Unknown);
+        }
+        if kind != ObstacleKind::Sphere && !is_unit(self.quaternion) {
+            return Err(ObstacleFault::NotUnit);
+        }
+        let motion = [self.position, self.linear_velocity, self.angular_velocity];
+        finite(motion.as_flattened()).then_some(kind).ok_or(ObstacleFault::NotFinite)
+    }
+}
+
+impl ToolCommand {
+    /// Whether all its numbers are finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        finite(self.linear_velocity.iter().chain(&self.angular_velocity))
+    }
+}
+
+/// A name in the wire's form.
+///
+/// # Errors
+/// When it is empty or longer than [`NAME_CAPACITY`].
+pub fn name_bytes(name: &str) -> Result<[u8; NAME_CAPACITY], NameFault> {
+    let mut bytes = [0; NAME_CAPACITY];
+    bytes.get_mut(..name.len()).ok_or(NameFault)?.copy_from_slice(name.as_bytes());
+    if name.is_empty() { Err(NameFault) } else { Ok(bytes) }
+}
+
+/// A name from the wire's form, `None` when it is not UTF-8.
+#[must_use]
+pub fn name_str(bytes: &[u8; NAME_CAPACITY]) -> Option<&str> {
+    let end = bytes.iter().position(|b| *b == 0).unwrap_or(NAME_CAPACITY);
+    core::str::from_utf8(&bytes[..end]).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_survives_the_wire_and_a_bad_one_is_refused() {
+        assert_eq!(name_str(&name_bytes("object").unwrap()), Some("object"));
+        let longest = "a".repeat(NAME_CAPACITY);
+        assert_eq!(name_str(&name_bytes(&longest).unwrap()), Some(longest.as_str()));
+        assert_eq!(name_bytes(&"a".repeat(NAME_CAPACITY + 1)), Err(NameFault));
+        assert_eq!(name_bytes(""), Err(NameFault));
+        assert_eq!(name_str(&[0xff; NAME_CAPACITY]), None);
+    }
+
+    #[test]
+    fn of_several_frames_of_a_name_the_valid_one_counts() {
+        let [one, other] = ["one", "other"].map(|name| name_bytes(name).unwrap());
+        let frame = |name, valid| Frame { name, valid, ..Default::default() };
+        let frames = [frame(one, 0), frame(one, 1), frame(other, 2)];
+        assert!(core::ptr::eq(Frame::find(&frames, &one).unwrap(), &frames[1]));
+        assert_eq!(Frame::find(&frames, &other).map(|_| ()), Err(FrameFault::Invalid));
+        assert_eq!(Frame::find(&frames[..2], &other).map(|_| ()), Err(FrameFault::Absent));
+    }
+
+    #[test]
+    fn a_state_is_checked_as_far_as_it_is_used() {
+        let mut state = RobotState { joint_count: 2, ..Default::default() };
+        state.position[2] = f64::NAN;
+        assert!(state.check(2).is_ok(), "what is beyond the joints does not count");
+        assert_eq!(state.check(3), Err(StateFault::JointCount));
+        state.torque[1] = f64::INFINITY;
+        assert_eq!(state.check(2), Err(StateFault::NotFinite));
+        assert!(state.check_positions(2).is_ok());
+    }
+}

@@ -1,0 +1,290 @@
+//! The skill's frames and the obstacles, checked, with the frames' accelerations.
+
+use glam::{DQuat, DVec3};
+use tprmp_messages::{Frame, NAME_CAPACITY, OBSTACLE_CAPACITY, ObstacleKind, Reason, TaskFrames};
+use tprmp_model::controller_config::FrameObserver;
+use tprmp_rmpflow::leaves::{Obstacle, Shape};
+use tprmp_rmpflow::policy::thesis::product_skill::FRAME_CAPACITY;
+use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
+
+/// The frames a skill needs and the obstacles, checked, in fixed storage.
+#[derive(Debug)]
+pub struct Scene {
+    names: Vec<[u8; NAME_CAPACITY]>,
+    /// In the order of the names.
+    frames: Vec<MovingPose>,
+    goal_frame: usize,
+    obstacles: [Obstacle; OBSTACLE_CAPACITY],
+    obstacle_count: usize,
+    time_ns: Option<u64>,
+}
+
+impl Scene {
+    /// A scene of these frames, not yet seen; `goal_frame` tells which of them the goal is fixed to.
+    ///
+    /// # Panics
+    /// When there are more than [`FRAME_CAPACITY`] frames, or the goal's is none of them.
+    #[must_use]
+    pub fn new(names: Vec<[u8; NAME_CAPACITY]>, goal_frame: usize) -> Self {
+        assert!(names.len() <= FRAME_CAPACITY && goal_frame < names.len(), "frames of a model");
+        let nothing = Obstacle::sphere(DVec3::NAN, 0.0, DVec3::ZERO);
+        Self {
+            frames: vec![MovingPose::at_rest(Pose::IDENTITY); names.len()],
+            names,
+            goal_frame,
+            obstacles: [nothing; OBSTACLE_CAPACITY],
+            obstacle_count: 0,
+            time_ns: None,
+        }
+    }
+
+    /// The skill's frames, in its order.
+    #[must_use]
+    pub fn frames(&self) -> &[MovingPose] {
+        &self.frames
+    }
+
+    /// Which of them the goal is fixed to.
+    #[must_use]
+    pub fn goal_frame(&self) -> usize {
+        self.goal_frame
+    }
+
+    /// The obstacles.
+    #[must_use]
+    pub fn obstacles(&self) -> &[Obstacle] {
+        &self.obstacles[..self.obstacle_count]
+    }
+
+    /// Takes in a message, all of it or nothing.
+    ///
+    /// # Errors
+    /// The reason for which the arm has to stop; the scene is as it was.
+    pub fn update(&mut self, message: &TaskFrames, observer: &FrameObserver) -> Result<(), Reason> {
+        let frames = message.listed()?;
+        // Also frames that the skill does not need: a number that is none makes all others doubtful.
+        for frame in frames.iter().filter(|frame| frame.valid == 1) {
+            frame.check()?;
+        }
+        let mut now = [MovingPose::at_rest(Pose::IDENTITY); FRAME_CAPACITY];
+        for (frame, name) in now.iter_mut().zip(&self.names) {
+            *frame = moving_pose(Frame::find(frames, name)?);
+        }
+        let mut obstacles = self.obstacles;
+        let mut count = 0;
+        for obstacle in message.present()? {
+            obstacles[count] = shaped(obstacle, obstacle.check()?);
+            count += 1;
+        }
+        let elapsed_s = self.time_ns.map(|last| message.time_ns.saturating_sub(last) as f64 * 1e-9);
+        for (frame, now) in self.frames.iter_mut().zip(&now) {
+            *frame = observed(frame, now, elapsed_s, observer);
+        }
+        self.obstacles = obstacles;
+        self.obstacle_count = count;
+        self.time_ns = Some(message.time_ns);
+        Ok(())
+    }
+}
+
+/// A frame whose acceleration is smaller has none [m/s² or rad/s²].
+const ACCELERATION_REST: f64 = 1e-9;
+
+/// The frame as it is now, with an acceleration of limited size: the filtered derivative of its
+/// velocity.
+fn observed(
+    last: &MovingPose,
+    now: &MovingPose,
+    elapsed_s: Option<f64>,
+    observer: &FrameObserver,
+) -> MovingPose {
+    let (mut linear, mut angular) = (DVec3::ZERO, DVec3::ZERO);
+    if let Some(elapsed_s) = elapsed_s {
+        linear = last.acceleration.linear;
+        angular = last.acceleration.angular;
+        if elapsed_s > 0.0 {
+            let fraction = elapsed_s / (elapsed_s + observer.time_constant_s);
+            let rate = (now.velocity.linear - last.velocity.linear) / elapsed_s;
+            linear += (rate - linear) * fraction;
+            let rate = (now.velocity.angular - last.velocity.angular) / elapsed_s;
+            angular += (rate - angular) * fraction;
+        }
+    }
+    // Velocities at the edge of what a number holds must not stay in the filter.
+    if !(linear.is_finite() && angular.is_finite()) {
+        (linear, angular) = (DVec3::ZERO, DVec3::ZERO);
+    }
+    // A frame that comes to rest would leave ever smaller numbers, at last subnormal ones, with which
+    // processors are slow.
+    let rest = |a: DVec3| if a.length() < ACCELERATION_REST { DVec3::ZERO } else { a };
+    let (linear_max, angular_max) =
+        (observer.linear_acceleration_max_m_s2, observer.angular_acceleration_max_rad_s2);
+    MovingPose {
+        acceleration: SpatialAcceleration {
+            linear: rest(linear.clamp_length_max(linear_max)),
+            angular: rest(angular.clamp_length_max(angular_max)),
+        },
+        ..*now
+    }
+}
+
+fn unit([w, x, y, z]: [f64; 4]) -> DQuat {
+    DQuat::from_xyzw(x, y, z, w).normalize()
+}
+
+/// A checked frame.
+fn moving_pose(frame: &Frame) -> MovingPose {
+    MovingPose {
+        velocity: Twist {
+            linear: frame.linear_velocity.into(),
+            angular: frame.angular_velocity.into(),
+        },
+        ..MovingPose::at_rest(Pose {
+            position: frame.position.into(),
+            orientation: unit(frame.quaternion),
+        })
+    }
+}
+
+/// A checked obstacle.
+fn shaped(obstacle: &tprmp_messages::Obstacle, kind: ObstacleKind) -> Obstacle {
+    let [x, y, z] = obstacle.size;
+    let (shape, turns) = match kind {
+        ObstacleKind::Sphere => (Shape::Sphere { radius: x }, false),
+        ObstacleKind::Capsule => (Shape::Capsule { radius: x, half_length: 0.5 * y }, true),
+        ObstacleKind::Box => (Shape::Box { half_size: 0.5 * DVec3::new(x, y, z) }, true),
+        ObstacleKind::HalfSpace => (Shape::HalfSpace, true),
+    };
+    // A ball looks the same from all sides: its orientation may be left out.
+    Obstacle {
+        shape,
+        position: obstacle.position.into(),
+        orientation: if turns { unit(obstacle.quaternion) } else { DQuat::IDENTITY },
+        velocity: obstacle.linear_velocity.into(),
+        angular_velocity: if turns { obstacle.angular_velocity.into() } else { DVec3::ZERO },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tprmp_messages::name_bytes;
+
+    const OBSERVER: FrameObserver = FrameObserver {
+        time_constant_s: 0.02,
+        linear_acceleration_max_m_s2: 30.0,
+        angular_acceleration_max_rad_s2: 60.0,
+    };
+
+    fn message() -> TaskFrames {
+        let frame = |name: &str| Frame {
+            name: name_bytes(name).unwrap(),
+            valid: 1,
+            quaternion: [1.0, 0.0, 0.0, 0.0],
+            ..Default::default()
+        };
+        let mut message =
+            TaskFrames { frame_count: 2, obstacle_count: 1, time_ns: 1, ..Default::default() };
+        message.frames[0] = frame("start");
+        message.frames[1] = frame("end");
+        message.obstacles[0] = tprmp_messages::Obstacle {
+            valid: 1,
+            quaternion: [1.0, 0.0, 0.0, 0.0],
+            size: [0.06, 0.0, 0.0],
+            ..Default::default()
+        };
+        message
+    }
+
+    fn cuboid(message: &mut TaskFrames) -> &mut tprmp_messages::Obstacle {
+        let obstacle = &mut message.obstacles[0];
+        obstacle.kind = ObstacleKind::Box.to_wire();
+        obstacle.size = [0.1, 0.2, 0.3];
+        obstacle
+    }
+
+    #[test]
+    fn every_kind_of_obstacle_is_read_with_its_size_and_motion() {
+        let mut scene = scene();
+        let mut message = message();
+        message.obstacle_count = 3;
+        message.obstacles[1] = message.obstacles[0];
+        message.obstacles[1].kind = ObstacleKind::Capsule.to_wire();
+        message.obstacles[1].size = [0.05, 0.4, 0.0];
+        message.obstacles[1].angular_velocity = [0.0, 1.0, 0.0];
+        message.obstacles[2] = *cuboid(&mut message.clone());
+        message.obstacles[2].linear_velocity = [0.1, 0.0, 0.0];
+        scene.update(&message, &OBSERVER).unwrap();
+        let [ball, capsule, cuboid] = scene.obstacles() else { panic!("three obstacles") };
+        assert_eq!(ball.shape, Shape::Sphere { radius: 0.06 });
+        assert_eq!(capsule.shape, Shape::Capsule { radius: 0.05, half_length: 0.2 });
+        assert_eq!(capsule.angular_velocity, DVec3::Y);
+        assert_eq!(cuboid.shape, Shape::Box { half_size: DVec3::new(0.05, 0.1, 0.15) });
+        assert_eq!(cuboid.velocity, DVec3::X * 0.1);
+    }
+
+    fn scene() -> Scene {
+        Scene::new(["start", "end"].map(|name| name_bytes(name).unwrap()).to_vec(), 1)
+    }
+
+    #[test]
+    fn every_defect_has_its_reason_and_changes_nothing() {
+        type Edit = fn(&mut TaskFrames);
+        let cases: [(Edit, Reason); 16] = [
+            (|m| m.obstacles[0].valid = 255, Reason::ObstacleUnknown),
+            (|m| m.frames[1].valid = 0, Reason::FrameMissing),
+            (|m| m.frame_count = 1, Reason::FrameMissing),
+            (|m| m.frame_count = 99, Reason::FrameMissing),
+            (|m| m.frames[0].name[0] = b'x', Reason::FrameMissing),
+            (|m| m.frames[0].position[2] = f64::NAN, Reason::FrameNotFinite),
+            (|m| m.frames[1].angular_velocity[0] = f64::INFINITY, Reason::FrameNotFinite),
+            (|m| m.frames[1].quaternion = [1.1, 0.0, 0.0, 0.0], Reason::QuaternionNotUnit),
+            (|m| m.obstacle_count = 99, Reason::ObstacleUnknown),
+            (|m| m.obstacles[0].kind = 7, Reason::ObstacleUnknown),
+            (|m| m.obstacles[0].size[0] = -1.0, Reason::ObstacleUnknown),
+            (|m| m.obstacles[0].linear_velocity[1] = f64::NAN, Reason::FrameNotFinite),
+            (|m| m.obstacles[0].angular_velocity[1] = f64::NAN, Reason::FrameNotFinite),
+            (|m| cuboid(m).size[2] = -0.1, Reason::ObstacleUnknown),
+            (|m| cuboid(m).quaternion[0] = 0.9, Reason::QuaternionNotUnit),
+            (|m| cuboid(m).size[1] = f64::INFINITY, Reason::FrameNotFinite),
+        ];
+        for (i, (edit, reason)) in cases.into_iter().enumerate() {
+            let mut scene = scene();
+            scene.update(&message(), &OBSERVER).unwrap();
+            let mut bad = message();
+            bad.frames[0].position[0] = 9.0;
+            edit(&mut bad);
+            assert_eq!(scene.update(&bad, &OBSERVER), Err(reason), "case {i}");
+            assert_eq!(scene.frames()[0].pose.position.x, 0.0, "case {i}");
+            assert_eq!(scene.obstacles().len(), 1, "case {i}");
+        }
+    }
+
+    #[test]
+    fn the_observer_finds_the_acceleration_of_a_circle_and_believes_no_jump() {
+        let mut scene = scene();
+        let mut message = message();
+        let (radius, omega) = (0.15, 0.94);
+        for step in 0..2000_u32 {
+            let t = f64::from(step) * 0.002;
+            message.time_ns = 1 + u64::from(step) * 2_000_000;
+            let (s, c) = (omega * t).sin_cos();
+            message.frames[1].linear_velocity = [-s * radius * omega, c * radius * omega, 0.0];
+            scene.update(&message, &OBSERVER).unwrap();
+            if step > 100 {
+                let exact = DVec3::new(-c, -s, 0.0) * (radius * omega * omega);
+                let error = (scene.frames()[1].acceleration.linear - exact).length();
+                assert!(error < 0.03 * exact.length(), "{error}");
+            }
+        }
+        for _ in 0..2000 {
+            message.time_ns += 2_000_000;
+            scene.update(&message, &OBSERVER).unwrap();
+        }
+        assert_eq!(scene.frames()[1].acceleration.linear, DVec3::ZERO, "at a constant velocity");
+        message.time_ns += 2_000_000;
+        message.frames[1].linear_velocity = [1e6, 0.0, 0.0];
+        scene.update(&message, &OBSERVER).unwrap();
+        assert!(scene.frames()[1].acceleration.linear.length() < 30.0 + 1e-9);
+    }
+}
