@@ -4,4 +4,8 @@
 //! checksum, dimensions, finiteness and definiteness, and names the file and the key it refuses.
 
 pub mod controller_config;
+mod renamed;
+mod ron_text;
 pub mod skill_model;
+
+pub use renamed::{RENAMED_KEYS, RenamedKey, renamed_keys};

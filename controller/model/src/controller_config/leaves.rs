@@ -9,6 +9,8 @@ use tprmp_rmpflow::leaves::{
 use tprmp_rmpflow::policy::canonical::skill::SkillInertia;
 use tprmp_rmpflow::policy::governor::SpeedGovernor;
 
+use crate::controller_config::check::Check;
+
 /// A link and a kind of obstacle that need not keep apart, or not as far as others.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -405,5 +407,156 @@ impl SkillLeaf {
             linear_kg: self.linear_inertia_kg,
             angular_kg_m2: self.angular_inertia_kg_m2,
         }
+    }
+}
+
+impl Avoidance {
+    fn check(&self, check: &mut Check) {
+        check.positive("activation_distance_m", self.activation_distance_m);
+        check.positive("clearance_min_m", self.clearance_min_m);
+        let is_less = self.clearance_min_m < self.activation_distance_m;
+        let expected = "less than activation_distance_m beside it";
+        check.require(is_less, "clearance_min_m", expected, &self.clearance_min_m);
+        check.positive("inertia_kg", self.inertia_kg);
+        check.not_negative("rest_fraction", self.rest_fraction);
+        check.positive("approach_speed_m_s", self.approach_speed_m_s);
+        check.not_negative("repulsion_m2_s2", self.repulsion_m2_s2);
+        check.not_negative("damping_1_s", self.damping_1_s);
+    }
+}
+
+impl Collision {
+    pub(super) fn check(&self, check: &mut Check) {
+        check.within("avoidance", |check| self.avoidance.check(check));
+        check.not_negative("margin_m", self.margin_m);
+        check.positive("ramp_time_s", self.ramp_time_s);
+        for (i, exemption) in self.exempt.iter().enumerate() {
+            check.within(&format!("exempt[{i}]"), |check| match exemption.extent {
+                Extent::Whole => {}
+                Extent::NearAxis(distance) => check.positive("extent, NearAxis", distance),
+                Extent::Above(clearance) => {
+                    let is_more = clearance > self.avoidance.clearance_min_m;
+                    let expected = "more than collision.avoidance.clearance_min_m";
+                    check.require(is_more, "extent, Above", expected, &clearance);
+                }
+            });
+        }
+        if let Some(steering) = &self.steering {
+            check.within("steering", |check| steering.check(check));
+        }
+    }
+}
+
+impl Steering {
+    fn check(&self, check: &mut Check) {
+        check.positive("range_m", self.range_m);
+        check.not_negative("gain", self.gain);
+        check.positive("response_1_s", self.response_1_s);
+        check.not_negative("approach_1_s", self.approach_1_s);
+        check.positive("speed_max_m_s", self.speed_max_m_s);
+        if let SteeringSide::Space(direction) = &self.side {
+            check.direction("side", direction);
+        }
+    }
+}
+
+impl SelfCollision {
+    pub(super) fn check(&self, check: &mut Check) {
+        check.within("avoidance", |check| self.avoidance.check(check));
+        check.not_negative("margin_m", self.margin_m);
+    }
+}
+
+impl JointLimitLeaf {
+    pub(super) fn check(&self, check: &mut Check) {
+        check.positive("activation_distance", self.activation_distance);
+        check.positive("distance_min", self.distance_min);
+        let is_less = self.distance_min < self.activation_distance;
+        let expected = "less than activation_distance beside it";
+        check.require(is_less, "distance_min", expected, &self.distance_min);
+        check.positive("inertia", self.inertia);
+        check.not_negative("rest_fraction", self.rest_fraction);
+        check.positive("approach_speed", self.approach_speed);
+        check.not_negative("repulsion", self.repulsion);
+        check.not_negative("damping_1_s", self.damping_1_s);
+    }
+}
+
+impl JointSpeedLeaf {
+    pub(super) fn check(&self, check: &mut Check) {
+        let holds = self.free_fraction > 0.0 && self.free_fraction < 1.0;
+        let expected = "a fraction above 0 and below 1";
+        check.require(holds, "free_fraction", expected, &self.free_fraction);
+        check.positive("inertia", self.inertia);
+        check.not_negative("damping_1_s", self.damping_1_s);
+    }
+}
+
+impl PostureLeaf {
+    pub(super) fn check(&self, joints: usize, check: &mut Check) {
+        let position = &self.position;
+        let holds = position.len() == joints && position.iter().all(|q| q.is_finite());
+        check.require(holds, "position", "one finite number for each joint", position);
+        check.not_negative("inertia", self.inertia);
+        check.not_negative("stiffness_1_s2", self.stiffness_1_s2);
+        check.not_negative("damping_1_s", self.damping_1_s);
+        check.positive("saturation", self.saturation);
+    }
+}
+
+impl Approach {
+    pub(super) fn check(&self, check: &mut Check) {
+        check.direction("axis", &self.axis);
+        check.positive("depth_m", self.depth_m);
+        check.positive("width_m", self.width_m);
+        check.within("avoidance", |check| self.avoidance.check(check));
+    }
+}
+
+impl JointDampingLeaf {
+    pub(super) fn check(&self, check: &mut Check) {
+        check.not_negative("inertia", self.inertia);
+        check.not_negative("damping_1_s", self.damping_1_s);
+    }
+}
+
+impl SkillLeaf {
+    pub(super) fn check(&self, check: &mut Check) {
+        check.positive("linear_inertia_kg", self.linear_inertia_kg);
+        check.positive("angular_inertia_kg_m2", self.angular_inertia_kg_m2);
+        check.positive("governor.linear_max_m_s", self.governor.linear_max_m_s);
+        check.positive("governor.angular_max_rad_s", self.governor.angular_max_rad_s);
+        check.positive("governor.response_1_s", self.governor.response_1_s);
+    }
+}
+
+impl Attractor {
+    pub(super) fn check(&self, check: &mut Check) {
+        check.positive("linear_inertia_kg", self.linear_inertia_kg);
+        check.not_negative("angular_inertia_kg_m2", self.angular_inertia_kg_m2);
+        check.positive("stiffness_1_s2", self.stiffness_1_s2);
+        check.positive("damping_1_s", self.damping_1_s);
+        check.positive("saturation_m", self.saturation_m);
+    }
+}
+
+impl Lift {
+    pub(super) fn check(&self, check: &mut Check) {
+        check.positive("grip_distance_m", self.grip_distance_m);
+        check.positive("grip_angle_rad", self.grip_angle_rad);
+        check.positive("height_m", self.height_m);
+        check.within("attractor", |check| self.attractor.check(check));
+    }
+}
+
+impl External {
+    pub(super) fn check(&self, check: &mut Check) {
+        check.positive("linear_inertia_kg", self.linear_inertia_kg);
+        check.positive("angular_inertia_kg_m2", self.angular_inertia_kg_m2);
+        check.positive("response_1_s", self.response_1_s);
+        check.positive("linear_max_m_s", self.linear_max_m_s);
+        check.positive("angular_max_rad_s", self.angular_max_rad_s);
+        check.positive("fade_s", self.fade_s);
+        check.time("age_max_ns", self.age_max_ns);
     }
 }

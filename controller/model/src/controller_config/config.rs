@@ -1,0 +1,395 @@
+//! The configuration: its values, their units and ranges. Leaves are in a file of their own.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use serde::Deserialize;
+use tprmp_robot::Selection;
+
+use crate::controller_config::check::Check;
+use crate::controller_config::leaves::{
+    Approach, Attractor, Collision, External, JointDampingLeaf, JointLimitLeaf, JointSpeedLeaf,
+    Lift, PostureLeaf, SelfCollision, SkillLeaf,
+};
+
+/// What wakes the loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub enum Trigger {
+    /// An absolute schedule of its own.
+    Periodic,
+    /// Each new state.
+    OnState,
+}
+
+/// The robot and its limits.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Robot {
+    /// URDF of the arm.
+    pub urdf: PathBuf,
+    /// Link in whose frame everything is expressed; `None` for the root of the URDF.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub base_link: Option<String>,
+    /// Link that the skill moves.
+    pub tool_link: String,
+    /// Joints that are held at zero, as if they were fixed: those of a gripper, for example.
+    pub held_joints: Vec<String>,
+    /// Names of the joints from base to tool: the order of every list and message.
+    pub joints: Vec<String>,
+    /// Spheres that cover the links; `None` derives them from the collision shapes of the URDF,
+    /// which must not be meshes then.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub control_points: Option<Vec<ControlPoint>>,
+    /// Gravity in the base frame \[m/s²\].
+    pub gravity_m_s2: [f64; 3],
+    /// Largest joint accelerations \[rad/s² or m/s²\].
+    pub acceleration_max: Vec<f64>,
+    /// Fraction of the URDF's velocity limit that may be used.
+    pub velocity_fraction: f64,
+    /// Fraction of the URDF's effort limit that may be used.
+    pub effort_fraction: f64,
+    /// Distance kept from the URDF's position limits \[rad or m\].
+    pub position_margin: f64,
+    /// Least and greatest position of joints that are to use less than the URDF permits
+    /// \[rad or m\]: what keeps an arm from turning its elbow or its shoulder over. Outside, a joint
+    /// may only come back.
+    pub working_range: BTreeMap<String, [f64; 2]>,
+}
+
+/// A sphere on a link.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControlPoint {
+    /// Name of the link.
+    pub link: String,
+    /// Centre in the link's frame \[m\].
+    pub position_m: [f64; 3],
+    /// Radius \[m\].
+    pub radius_m: f64,
+}
+
+/// The loop.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Loop {
+    /// What wakes it.
+    pub trigger: Trigger,
+    /// Period of the schedule; also the deadline of a tick \[ns\].
+    pub period_ns: u64,
+    /// Spins so long before the schedule, or around the time at which a state is expected, instead of
+    /// sleeping \[ns\].
+    pub spin_ns: u64,
+    /// Older states stop the arm \[ns\].
+    pub state_age_max_ns: u64,
+    /// Older frames stop the arm \[ns\].
+    pub frames_age_max_ns: u64,
+    /// A command lives this long \[ns\].
+    pub command_lifetime_ns: u64,
+    /// So many missed periods in a row stop the arm.
+    pub overruns_in_a_row_max: u32,
+    /// The status is published once in so many ticks, and when it changes; in lockstep always.
+    pub status_every_ticks: u32,
+}
+
+/// How the velocities of frames become accelerations.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FrameObserver {
+    /// Time constant of the filter \[s\].
+    pub time_constant_s: f64,
+    /// Largest acceleration believed \[m/s²\].
+    pub linear_acceleration_max_m_s2: f64,
+    /// Largest angular acceleration believed \[rad/s²\].
+    pub angular_acceleration_max_rad_s2: f64,
+}
+
+/// The impedance with which the policy's acceleration is tracked  [thesis section 4.4].
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Impedance {
+    /// Stiffness towards the integrated position \[1/s²\].
+    pub stiffness_1_s2: f64,
+    /// Damping towards the integrated velocity \[1/s\].
+    pub damping_1_s: f64,
+    /// Time in which the integrated state gives way to the measured one \[s\].
+    pub reference_time_constant_s: f64,
+}
+
+/// How fast a push may move the joints. A joint that is disturbed resists once the push would drive it
+/// beyond this speed; up to there the impedance gives way.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Disturbance {
+    /// Fraction of the permitted speed that a push may cause.
+    pub speed_fraction: f64,
+    /// How far the disturbance is thought to go on \[s\].
+    pub horizon_s: f64,
+    /// Time constant of the observer, about the time from a command to the state that shows it \[s\].
+    pub time_constant_s: f64,
+}
+
+/// How the arm stops and starts.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stop {
+    /// Fraction of the largest accelerations used to decelerate to rest.
+    pub deceleration_fraction: f64,
+    /// Longest time taken to come to rest \[s\].
+    pub duration_max_s: f64,
+    /// Time over which the policy is faded in after a start or a stop \[s\].
+    pub fade_in_s: f64,
+}
+
+/// When the task counts as done.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Done {
+    /// Distance from the goal \[m\].
+    pub distance_m: f64,
+    /// Angle from the goal \[rad\].
+    pub angle_rad: f64,
+}
+
+/// Something that the system has to grant to the loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub enum Grant {
+    /// A real-time priority.
+    FifoPriority,
+    /// A core of its own.
+    Cpu,
+    /// Memory that stays where it is.
+    LockMemory,
+    /// Cores that do not sleep deeply.
+    CpuLatency,
+}
+
+/// Real-time set-up. Where the system refuses something, the controller says so; it goes on without,
+/// unless that is required.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RealTime {
+    /// SCHED_FIFO priority, 1 to 99; `None` keeps the ordinary scheduler.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub fifo_priority: Option<u8>,
+    /// The core that the loop is kept on; `None` leaves it to the scheduler.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub cpu: Option<usize>,
+    /// Whether memory is locked.
+    pub lock_memory: bool,
+    /// Longest time in which a sleeping core may wake up, held in /dev/cpu_dma_latency; `None` leaves
+    /// it to the system \[µs\].
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub cpu_latency_max_us: Option<u32>,
+    /// Without these the controller does not start.
+    pub required: Vec<Grant>,
+}
+
+impl RealTime {
+    /// Whether this is asked for at all.
+    #[must_use]
+    pub fn asks_for(&self, grant: Grant) -> bool {
+        match grant {
+            Grant::FifoPriority => self.fifo_priority.is_some(),
+            Grant::Cpu => self.cpu.is_some(),
+            Grant::LockMemory => self.lock_memory,
+            Grant::CpuLatency => self.cpu_latency_max_us.is_some(),
+        }
+    }
+}
+
+/// The whole configuration.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControllerConfig {
+    /// The robot.
+    pub robot: Robot,
+    /// The loop.
+    #[serde(rename = "loop")]
+    pub cycle: Loop,
+    /// Accelerations of frames.
+    pub frame_observer: FrameObserver,
+    /// The leaf of the skill that is the task.
+    pub skill: SkillLeaf,
+    /// Leaves of skills beside it, one for each further model.
+    pub additional_skills: Vec<SkillLeaf>,
+    /// Draws the tool to the goal of the task beside the skills; `None` leaves that to them.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub goal_attractor: Option<Attractor>,
+    /// Joint damping.
+    pub joint_damping: JointDampingLeaf,
+    /// Position limits of the joints as a leaf; `None` leaves them to the final limits alone.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub joint_limits: Option<JointLimitLeaf>,
+    /// Speed limits of the joints as a leaf; `None` leaves them to the final limits alone.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub joint_speeds: Option<JointSpeedLeaf>,
+    /// Posture, `None` where the task decides about all joints.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub posture: Option<PostureLeaf>,
+    /// Collision avoidance, `None` without.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub collision: Option<Collision>,
+    /// Clearance of the arm from itself, `None` without.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub self_collision: Option<SelfCollision>,
+    /// The funnel to the goal, `None` where it may be approached from any side.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub approach: Option<Approach>,
+    /// What follows once the gripper holds, `None` for a skill without a gripper.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub lift: Option<Lift>,
+    /// What velocities of the tool that somebody outside commands are worth; `None` does not listen.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub external: Option<External>,
+    /// When the task is done.
+    pub done: Done,
+    /// Tracking.
+    pub impedance: Impedance,
+    /// Resistance to pushes; `None` leaves them to the impedance alone.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub disturbance: Option<Disturbance>,
+    /// Stops and starts.
+    pub stop: Stop,
+    /// Real-time set-up.
+    pub real_time: RealTime,
+}
+
+impl Robot {
+    /// Which chain of the URDF it is.
+    #[must_use]
+    pub fn selection(&self) -> Selection {
+        Selection {
+            base_link: self.base_link.clone(),
+            tool_link: self.tool_link.clone(),
+            held_joints: self.held_joints.clone(),
+        }
+    }
+}
+
+impl ControllerConfig {
+    /// Checks every value against its range.
+    pub(super) fn check(&self, check: &mut Check) {
+        let joints = self.robot.joints.len();
+        check.within("robot", |check| self.robot.check(check));
+        check.within("loop", |check| self.cycle.check(check));
+        check.within("frame_observer", |check| self.frame_observer.check(check));
+        check.within("skill", |check| self.skill.check(check));
+        for (i, skill) in self.additional_skills.iter().enumerate() {
+            check.within(&format!("additional_skills[{i}]"), |check| skill.check(check));
+        }
+        optional(check, "goal_attractor", &self.goal_attractor, Attractor::check);
+        check.within("joint_damping", |check| self.joint_damping.check(check));
+        optional(check, "joint_limits", &self.joint_limits, JointLimitLeaf::check);
+        optional(check, "joint_speeds", &self.joint_speeds, JointSpeedLeaf::check);
+        optional(check, "posture", &self.posture, |posture, check| posture.check(joints, check));
+        optional(check, "collision", &self.collision, Collision::check);
+        optional(check, "self_collision", &self.self_collision, SelfCollision::check);
+        optional(check, "approach", &self.approach, Approach::check);
+        optional(check, "lift", &self.lift, Lift::check);
+        optional(check, "external", &self.external, External::check);
+        check.positive("done.distance_m", self.done.distance_m);
+        check.positive("done.angle_rad", self.done.angle_rad);
+        check.within("impedance", |check| self.impedance.check(check));
+        optional(check, "disturbance", &self.disturbance, Disturbance::check);
+        check.fraction("stop.deceleration_fraction", self.stop.deceleration_fraction);
+        check.positive("stop.duration_max_s", self.stop.duration_max_s);
+        check.positive("stop.fade_in_s", self.stop.fade_in_s);
+        check.within("real_time", |check| self.real_time.check(check));
+    }
+}
+
+fn optional<T>(
+    check: &mut Check,
+    key: &str,
+    value: &Option<T>,
+    of_value: impl FnOnce(&T, &mut Check),
+) {
+    if let Some(value) = value {
+        check.within(key, |check| of_value(value, check));
+    }
+}
+
+impl Robot {
+    fn check(&self, check: &mut Check) {
+        let count = self.joints.len();
+        check.require((2..=8).contains(&count), "joints", "2 to 8 names", &self.joints);
+        let limits = &self.acceleration_max;
+        check.require(
+            limits.len() == count,
+            "acceleration_max",
+            "one number for each joint",
+            limits,
+        );
+        for limit in limits {
+            check.positive("acceleration_max", *limit);
+        }
+        let gravity = &self.gravity_m_s2;
+        let is_finite = gravity.iter().all(|g| g.is_finite());
+        check.require(is_finite, "gravity_m_s2", "three finite numbers", gravity);
+        check.fraction("velocity_fraction", self.velocity_fraction);
+        check.fraction("effort_fraction", self.effort_fraction);
+        check.not_negative("position_margin", self.position_margin);
+        for (joint, range) in &self.working_range {
+            let is_known = self.joints.contains(joint);
+            check.require(is_known, "working_range", "names from robot.joints", joint);
+            let rises = range[0] < range[1] && range.iter().all(|end| end.is_finite());
+            check.require(rises, "working_range", "a lower end below the upper one", range);
+        }
+    }
+}
+
+impl Loop {
+    fn check(&self, check: &mut Check) {
+        let period = &self.period_ns;
+        check.time("period_ns", *period);
+        check.require(*period <= 20_000_000, "period_ns", "at most 20000000 nanoseconds", period);
+        let expected = "at most four fifths of loop.period_ns: a real-time thread that does not \
+                        sleep is stopped by the kernel";
+        check.require(self.spin_ns <= period / 5 * 4, "spin_ns", expected, &self.spin_ns);
+        for (key, count) in [
+            ("status_every_ticks", self.status_every_ticks),
+            ("overruns_in_a_row_max", self.overruns_in_a_row_max),
+        ] {
+            check.require(count > 0, key, "at least 1", &count);
+        }
+        check.time("state_age_max_ns", self.state_age_max_ns);
+        check.time("frames_age_max_ns", self.frames_age_max_ns);
+        check.time("command_lifetime_ns", self.command_lifetime_ns);
+    }
+}
+
+impl FrameObserver {
+    fn check(&self, check: &mut Check) {
+        check.positive("time_constant_s", self.time_constant_s);
+        check.not_negative("linear_acceleration_max_m_s2", self.linear_acceleration_max_m_s2);
+        check.not_negative("angular_acceleration_max_rad_s2", self.angular_acceleration_max_rad_s2);
+    }
+}
+
+impl Impedance {
+    fn check(&self, check: &mut Check) {
+        check.not_negative("stiffness_1_s2", self.stiffness_1_s2);
+        check.not_negative("damping_1_s", self.damping_1_s);
+        check.positive("reference_time_constant_s", self.reference_time_constant_s);
+    }
+}
+
+impl Disturbance {
+    fn check(&self, check: &mut Check) {
+        check.fraction("speed_fraction", self.speed_fraction);
+        check.positive("horizon_s", self.horizon_s);
+        check.positive("time_constant_s", self.time_constant_s);
+    }
+}
+
+impl RealTime {
+    fn check(&self, check: &mut Check) {
+        let priority = &self.fifo_priority;
+        let is_one = priority.is_none_or(|priority| (1..=99).contains(&priority));
+        check.require(is_one, "fifo_priority", "None, or 1 to 99", priority);
+        for grant in &self.required {
+            let expected = "only what the keys beside it ask for";
+            check.require(self.asks_for(*grant), "required", expected, grant);
+        }
+    }
+}

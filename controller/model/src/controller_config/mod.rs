@@ -1,0 +1,27 @@
+//! The controller's configuration: which robot, how the loop runs, which leaves, which limits.
+//!
+//! Every key is required and none has a default: a missing or unknown key is an error that names
+//! the file, the key and what was expected. That holds for keys that may be `None` too. Paths are
+//! relative to the file in which they stand.
+//!
+//! A file may name a base, `base: "base/arm_pick.ron"`: its own keys then stand in a layer above
+//! the base's, and override them key by key. Lists are overridden as a whole. A base has no base.
+
+mod check;
+mod config;
+mod error;
+mod layers;
+mod leaves;
+mod read;
+
+pub use config::{
+    ControlPoint, ControllerConfig, Disturbance, Done, FrameObserver, Grant, Impedance, Loop,
+    RealTime, Robot, Stop, Trigger,
+};
+pub use error::{ConfigError, Fault, Problem};
+pub use leaves::{
+    Approach, Attractor, Avoidance, Collision, ExemptObstacle, Exemption, Extent, External,
+    Governor, JointDampingLeaf, JointLimitLeaf, JointSpeedLeaf, Lift, PostureLeaf, SelfCollision,
+    SkillLeaf, Steering, SteeringSide,
+};
+pub use read::{read, read_with};
