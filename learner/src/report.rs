@@ -85,7 +85,7 @@ pub fn inspected(model: &SkillModel) -> String {
     }
     if let Some(adaptation) = &model.canonical.adaptation {
         let most = |rows: std::ops::Range<usize>| -> f64 {
-            let rows = adaptation.bends.iter().flat_map(|bend| &bend[rows.clone()]);
+            let rows = adaptation.coefficients.iter().flat_map(|matrix| &matrix[rows.clone()]);
             rows.flatten().copied().map(f64::abs).fold(0.0, f64::max)
         };
         writeln!(

@@ -1,8 +1,8 @@
 //! The frozen model of a learned skill: its schema, reader, writer and validation.
 //!
-//! The file is RON text, `(schema: "tprmp-model/5", checksum: "sha256:…", body: (…))`. The checksum
-//! is the SHA-256 of the body, serialised compactly by `ron::to_string`, so that comments and
-//! layout may change, numbers may not.
+//! The file is RON text, `(schema: "tprmp-model/6", checksum: "sha256:…", body: (…))`. The checksum
+//! is the SHA-256 of the body without spaces, comments and commas before closing brackets, so that
+//! comments and layout may change, numbers may not. Files of the last version's schema are read too.
 //!
 //! *Canonical coordinates* are those of the space in which all demonstrations share their start
 //! frame and goal frame [m], and, for the orientation, the rotation vector at the goal,
@@ -28,6 +28,7 @@ mod evaluated;
 mod field;
 mod file;
 mod fit;
+mod upgrade;
 mod validate;
 
 pub use evaluated::{EvaluationError, product_skill};
@@ -44,8 +45,8 @@ pub use tprmp_rmpflow::policy::thesis::product_skill::FRAME_CAPACITY;
 
 use tprmp_rmpflow::policy::canonical::adaptation;
 
-/// Schema version this crate reads and writes.
-pub const SCHEMA: &str = "tprmp-model/5";
+/// Schema version this crate writes, and reads beside the last one.
+pub const SCHEMA: &str = "tprmp-model/6";
 
 /// Space in which a skill moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -215,13 +216,13 @@ pub struct Adaptation {
     pub reach_rad: f64,
     /// E_j for each of the B-splines over the phase, row by row: position [m] before rotation [rad];
     /// columns: displacement before turn.
-    pub bends: Vec<[[f64; COORDINATES]; COORDINATES]>,
+    pub coefficients: Vec<[[f64; COORDINATES]; COORDINATES]>,
 }
 
 impl From<&adaptation::Adaptation> for Adaptation {
     fn from(learned: &adaptation::Adaptation) -> Self {
         let [reach_m, reach_rad] = learned.reach;
-        Self { reach_m, reach_rad, bends: learned.bends.to_vec() }
+        Self { reach_m, reach_rad, coefficients: learned.bends.to_vec() }
     }
 }
 
@@ -229,7 +230,7 @@ impl Adaptation {
     /// As it is evaluated; `None` when it has not a matrix for each spline.
     #[must_use]
     pub fn evaluated(&self) -> Option<adaptation::Adaptation> {
-        let bends = self.bends.as_slice().try_into().ok()?;
+        let bends = self.coefficients.as_slice().try_into().ok()?;
         Some(adaptation::Adaptation { reach: [self.reach_m, self.reach_rad], bends })
     }
 }

@@ -189,7 +189,7 @@ fn what_is_written_comes_back_and_always_as_the_same_bytes() {
     assert_eq!(read(&folder.file()).unwrap(), model());
     let text = std::fs::read_to_string(folder.file()).unwrap();
     assert_eq!(text, to_text(&model()));
-    assert!(text.contains("schema: \"tprmp-model/5\""));
+    assert!(text.contains("schema: \"tprmp-model/6\""));
     let left: Vec<_> = std::fs::read_dir(&folder.0).unwrap().collect();
     assert_eq!(left.len(), 1, "no half-written file stays");
 }
@@ -227,7 +227,7 @@ fn a_changed_number_breaks_the_checksum() {
 }
 
 #[test]
-fn another_schema_is_told_before_its_body_is_looked_at() {
+fn another_schema_is_reported_before_its_body_is_looked_at() {
     let folder = Folder::new("schema");
     let error = folder.refusal("(schema: \"tprmp-model/9\", checksum: \"\", body: (new: [1, 2]))");
     match error {
@@ -324,9 +324,9 @@ fn dimensions_names_and_poses_are_checked() {
 #[test]
 fn an_adaptation_is_checked_and_evaluated() {
     let folder = Folder::new("adaptation");
-    let mut bends = vec![[[0.0; COORDINATES]; COORDINATES]; SPLINES];
-    bends[3][1][0] = 0.2;
-    let whole = Adaptation { reach_m: 0.1, reach_rad: 0.0, bends };
+    let mut coefficients = vec![[[0.0; COORDINATES]; COORDINATES]; SPLINES];
+    coefficients[3][1][0] = 0.2;
+    let whole = Adaptation { reach_m: 0.1, reach_rad: 0.0, coefficients };
     let with = |change: &dyn Fn(&mut SkillModel, &mut Adaptation)| {
         folder.invalid(|m| {
             let mut adaptation = whole.clone();
@@ -337,9 +337,9 @@ fn an_adaptation_is_checked_and_evaluated() {
     };
     assert_eq!(with(&|_, a| a.reach_m = -0.1).0, "canonical.adaptation.reach_m");
     assert_eq!(with(&|_, a| a.reach_rad = f64::NAN).0, "canonical.adaptation.reach_rad");
-    assert_eq!(with(&|_, a| a.bends.truncate(2)).0, "canonical.adaptation.bends");
-    let infinite = with(&|_, a| a.bends[4][5][5] = f64::INFINITY);
-    assert_eq!(infinite.0, "canonical.adaptation.bends[4]");
+    assert_eq!(with(&|_, a| a.coefficients.truncate(2)).0, "canonical.adaptation.coefficients");
+    let infinite = with(&|_, a| a.coefficients[4][5][5] = f64::INFINITY);
+    assert_eq!(infinite.0, "canonical.adaptation.coefficients[4]");
     let between = with(&|m, _| m.canonical.waypoints = model().canonical.waypoints);
     assert_eq!(between.0, "canonical.adaptation");
 

@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::{SCHEMA, SkillModel};
+use crate::ron_text::{compact, entries};
+use crate::skill_model::upgrade::{SCHEMA_BEFORE, upgraded};
 
 /// Why a model file was refused.
 #[derive(Debug, thiserror::Error)]
@@ -30,8 +32,11 @@ pub enum ModelError {
         /// What the parser says.
         problem: String,
     },
-    /// The file has another schema.
-    #[error("model file `{path}`, key `schema`: expected `{SCHEMA}`, found `{found}`")]
+    /// The file has a schema that is not read.
+    #[error(
+        "model file `{path}`, key `schema`: expected `{SCHEMA}`, or `{SCHEMA_BEFORE}` of the last \
+         version, found `{found}`: train it again with this version"
+    )]
     Schema {
         /// The file.
         path: PathBuf,
@@ -92,10 +97,10 @@ struct ModelFileIn {
     body: SkillModel,
 }
 
-/// Reads and validates a model file.
+/// Reads and validates a model file, of this version's schema or of the last one's.
 ///
 /// # Errors
-/// [`ModelError`], each naming the file: it is missing, truncated, of another schema version,
+/// [`ModelError`], each naming the file: it is missing, truncated, of a schema that is not read,
 /// does not match its checksum, or holds a value that is not finite, of the wrong dimension or
 /// not positive definite.
 pub fn read(path: &Path) -> Result<SkillModel, ModelError> {
@@ -113,11 +118,14 @@ fn parse(text: &str, path: &Path) -> Result<SkillModel, ModelError> {
     };
     // The header first: a body of another version need not parse.
     let header: Header = ron::from_str(text).map_err(syntax)?;
-    if header.schema != SCHEMA {
-        return Err(ModelError::Schema { path: path.into(), found: header.schema });
-    }
-    let file: ModelFileIn = ron::from_str(text).map_err(syntax)?;
-    let found = checksum(&file.body);
+    let file: ModelFileIn = match header.schema.as_str() {
+        SCHEMA => ron::from_str(text).map_err(syntax)?,
+        SCHEMA_BEFORE => ron::from_str(&upgraded(text)).map_err(syntax)?,
+        _ => return Err(ModelError::Schema { path: path.into(), found: header.schema }),
+    };
+    let body = entries(text).into_iter().find(|entry| entry.path == "body");
+    let body = body.map_or("", |entry| &text[entry.value]);
+    let found = checksum(&compact(body));
     if found != file.checksum {
         return Err(ModelError::Checksum { path: path.into(), expected: file.checksum, found });
     }
@@ -128,7 +136,8 @@ fn parse(text: &str, path: &Path) -> Result<SkillModel, ModelError> {
 /// The text of a model file.
 #[must_use]
 pub fn to_text(model: &SkillModel) -> String {
-    let file = ModelFileOut { schema: SCHEMA, checksum: checksum(model), body: model };
+    let body = ron::to_string(model).expect("plain numbers and strings serialise");
+    let file = ModelFileOut { schema: SCHEMA, checksum: checksum(&body), body: model };
     let layout = ron::ser::PrettyConfig::new().compact_arrays(true).new_line("\n").indentor("  ");
     let mut text =
         ron::ser::to_string_pretty(&file, layout).expect("plain numbers and strings serialise");
@@ -170,8 +179,8 @@ pub fn sha256_hex(bytes: &[u8]) -> String {
     hex
 }
 
-fn checksum(model: &SkillModel) -> String {
-    let body = ron::to_string(model).expect("plain numbers and strings serialise");
+/// Of a body without a layout.
+fn checksum(body: &str) -> String {
     format!("sha256:{}", sha256_hex(body.as_bytes()))
 }
 

@@ -140,12 +140,12 @@ impl SkillModel {
                 format!("expected zero or more, found {reach}")
             })?;
         }
-        let found = adaptation.bends.len();
-        require(found == SPLINES, format!("{key}.bends"), || {
+        let found = adaptation.coefficients.len();
+        require(found == SPLINES, format!("{key}.coefficients"), || {
             format!("expected {SPLINES}, found {found}")
         })?;
-        for (j, bend) in adaptation.bends.iter().enumerate() {
-            finite(&format!("{key}.bends[{j}]"), bend.as_flattened())?;
+        for (j, rows) in adaptation.coefficients.iter().enumerate() {
+            finite(&format!("{key}.coefficients[{j}]"), rows.as_flattened())?;
         }
         Ok(())
     }
