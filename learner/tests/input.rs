@@ -240,6 +240,18 @@ const FOREIGN_PLANAR: &str = r#"{"name": "C", "dt": 0.01, "manifold": "R2", "dem
              "end": {"A": [[1.0, 0.0], [0.0, 1.0]], "b": [2.0, 3.0]}},
   "reference_frames": {}, "positions": [POSITIONS]}]}"#;
 
+#[test]
+fn keys_of_the_last_version_are_refused_with_the_new_name() {
+    let folder = Folder::new("renamed");
+    for (old, new) in tprmp_model::RENAMED_KEYS {
+        let text =
+            skill_text("planar.ron").replace("smoothing: (", &format!("smoothing: (\n{old}: 1,"));
+        let message = Skill::read(&folder.write("skill.ron", &text)).unwrap_err().to_string();
+        assert!(message.contains(&format!("`{old}` is now `{new}`")), "{message}");
+        assert!(message.contains("skill.ron") && message.contains("line "), "{message}");
+    }
+}
+
 fn foreign_planar() -> String {
     let rows: Vec<_> = (0..20).map(|i| format!("[0.{i:02}, {i}.5]")).collect();
     FOREIGN_PLANAR.replace("POSITIONS", &rows.join(", "))

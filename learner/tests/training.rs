@@ -324,10 +324,10 @@ fn the_command_trains_inspects_and_says_what_is_wrong() {
     }
     let mut read = skill_model::read(&model).unwrap();
     assert_eq!(said, report::inspected(&read));
-    let mut bends = vec![[[0.0; skill_model::COORDINATES]; skill_model::COORDINATES]; 9];
-    bends[2][1][0] = -0.025;
+    let mut coefficients = vec![[[0.0; skill_model::COORDINATES]; skill_model::COORDINATES]; 9];
+    coefficients[2][1][0] = -0.025;
     read.canonical.adaptation =
-        Some(skill_model::Adaptation { reach_m: 0.125, reach_rad: 0.0, bends });
+        Some(skill_model::Adaptation { reach_m: 0.125, reach_rad: 0.0, coefficients });
     let said = report::inspected(&read);
     assert!(said.contains("up to 0.125 m and 0.0°: coefficients up to 25.0 mm"), "{said}");
 

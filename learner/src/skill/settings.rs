@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use tprmp_model::renamed_keys;
 use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
 use tprmp_rmpflow::policy::canonical::field::COMPONENT_CAPACITY;
 use tprmp_spatial::Pose;
@@ -274,10 +275,13 @@ impl Skill {
     /// Reads and validates a skill file.
     ///
     /// # Errors
-    /// [`FileError`], naming the file and the key or line: missing, not RON, an unknown or
-    /// missing key, or a value outside its range.
+    /// [`FileError`], naming the file and the key or line: missing, not RON, a key of the last
+    /// version, an unknown or missing key, or a value outside its range.
     pub fn read(path: &Path) -> Result<Self, FileError> {
         let text = read_text(path)?;
+        if let Some(key) = renamed_keys(&text).first() {
+            return Err(FileError::syntax(path, key.line, key.column, key.to_string()));
+        }
         // `fit: Canonical(damping_1_s: …)` instead of two pairs of parentheses.
         let options = ron::Options::default()
             .with_default_extension(ron::extensions::Extensions::UNWRAP_VARIANT_NEWTYPES);
