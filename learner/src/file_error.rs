@@ -34,6 +34,11 @@ pub enum FileError {
 }
 
 impl FileError {
+    /// A file that does not say what it should, at a place.
+    pub fn input(path: &Path, place: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self::Input { path: path.into(), place: place.into(), problem: problem.into() }
+    }
+
     /// A wrong value at a key of a file.
     pub fn key(path: &Path, key: impl std::fmt::Display, problem: impl Into<String>) -> Self {
         Self::Input { path: path.into(), place: format!("key `{key}`"), problem: problem.into() }

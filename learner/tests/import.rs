@@ -257,6 +257,11 @@ fn wrong_numpy_archives_are_refused_by_array() {
     let huge = "9223372036854775807, 9223372036854775807";
     say("poses", Some(npy("<f8", "False", huge, &zeros(350))), &["`poses`", "shape"]);
     say("poses", Some(npy("<f8", "False", "1, 2, 3", &zeros(6))), &["[1, 2, 3]"]);
+    let nested = "[".repeat(60_000);
+    say("poses", Some(npy("<f8", "False", &nested, &zeros(6))), &["`poses`", "of numbers"]);
+    let mut other_version = npy("<f8", "False", "50, 7", &zeros(350));
+    other_version[6] = 9;
+    say("poses", Some(other_version), &["`poses`", "version 1"]);
     say("poses", Some(b"\x93NUMPY\x01\x00\xff\xff{}".to_vec()), &["`poses`", "truncated"]);
     say("time_s", Some(npy("<f8", "False", "9,", &zeros(9))), &["`time_s`", "50 times", "found 9"]);
     say("velocities", Some(npy("<f8", "False", "50, 2", &zeros(100))), &["`velocities`", "50×3"]);

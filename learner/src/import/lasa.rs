@@ -1,7 +1,7 @@
 //! Shapes of the LASA handwriting data set: a variable `demos`, cells of structures with `pos`
 //! (2×N [mm]), `t` (1×N [s]), `vel` (2×N [mm/s]) and `dt` [s].
 //!
-//! The frames stand at the first and the last point of each demonstration, and are not turned.
+//! The frames stand at the first and the last point of each demonstration, and are not rotated.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,7 +11,9 @@ use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::Pose;
 
 use super::mat::{Value, parse};
-use super::{Recording, Selection, input, read_bytes};
+use super::recording::Recording;
+use super::rows::read_bytes;
+use super::selection::Selection;
 use crate::file_error::FileError;
 
 const M_PER_MM: f64 = 1e-3;
@@ -23,9 +25,11 @@ pub(super) fn read(
     path: &Path,
     selection: &Selection,
 ) -> Result<(String, Vec<Recording>), FileError> {
-    let bytes = read_bytes(path)?;
-    let values = parse(&bytes).map_err(|problem| input(path, "format", problem))?;
-    let fail = |place: &str, problem: String| input(path, format!("variable `{place}`"), problem);
+    let values =
+        parse(&read_bytes(path)?).map_err(|problem| FileError::input(path, "format", problem))?;
+    let fail = |place: &str, problem: String| {
+        FileError::input(path, format!("variable `{place}`"), problem)
+    };
     let Some((_, demos)) = values.iter().find(|(name, _)| name == "demos") else {
         let names: Vec<_> = values.iter().map(|(name, _)| name.as_str()).collect();
         let problem = format!("expected this variable, found only [{}]", names.join(", "));
@@ -39,26 +43,24 @@ pub(super) fn read(
             return Err(fail("demos", problem));
         }
     };
-    let mut recordings = Vec::with_capacity(list.len());
-    for (i, shown) in list.iter().enumerate() {
+    let recording = |(i, demonstration): (usize, &Value)| {
         // As MATLAB counts.
         let place = format!("demos{{{}}}", i + 1);
-        let recording =
-            recording(shown, &place).map_err(|(field, problem)| fail(&field, problem))?;
-        recordings.push(recording);
-    }
+        recording(demonstration, &place).map_err(|(field, problem)| fail(&field, problem))
+    };
+    let recordings = list.iter().enumerate().map(recording).collect::<Result<_, _>>()?;
     let stem = || path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     Ok((selection.skill.clone().unwrap_or_else(stem), recordings))
 }
 
 /// One demonstration, or the field that is wrong and what was expected.
-fn recording(shown: &Value, place: &str) -> Result<Recording, (String, String)> {
+fn recording(demonstration: &Value, place: &str) -> Result<Recording, (String, String)> {
     let numbers = |name: &str, expected_rows: usize| {
         let field = format!("{place}.{name}");
-        match shown.field(name) {
+        match demonstration.field(name) {
             Some(Value::Numbers { rows, values, .. }) if *rows == expected_rows => Ok(values),
             other => {
-                let found = other.map_or_else(|| shown.describe(), Value::describe);
+                let found = other.map_or_else(|| demonstration.describe(), Value::describe);
                 Err((field, format!("expected {expected_rows}×N numbers, found {found}")))
             }
         }
@@ -73,12 +75,12 @@ fn recording(shown: &Value, place: &str) -> Result<Recording, (String, String)> 
         let problem = format!("expected {expected} samples as in `pos`, found {found}");
         if found == expected { Ok(()) } else { Err((format!("{place}.{name}"), problem)) }
     };
-    let dt = match shown.field("dt") {
+    let dt = match demonstration.field("dt") {
         None => None,
         Some(_) => numbers("dt", 1)?.first().copied(),
     };
     let evenly = |dt: f64| (0..positions.len()).map(|i| i as f64 * dt).collect::<Vec<f64>>();
-    let times_s = match (shown.field("t"), dt) {
+    let times_s = match (demonstration.field("t"), dt) {
         (None, Some(dt)) => evenly(dt),
         _ => numbers("t", 1)?.clone(),
     };
@@ -91,22 +93,22 @@ fn recording(shown: &Value, place: &str) -> Result<Recording, (String, String)> 
             return Err((format!("{place}.t"), problem));
         }
     }
-    let velocities = match shown.field("vel") {
+    let velocities = match demonstration.field("vel") {
         None => None,
         Some(_) => Some(points(numbers("vel", 2)?)),
     };
     if let Some(velocities) = &velocities {
         same_length("vel", velocities.len())?;
     }
-    let unturned = |position: DVec3| Pose { position, orientation: DQuat::IDENTITY };
+    let unrotated = |position: DVec3| Pose { position, orientation: DQuat::IDENTITY };
     Ok(Recording {
         place: format!("variable `{place}`"),
         manifold: Manifold::R2,
-        start: unturned(positions.first().copied().unwrap_or_default()),
+        start: unrotated(positions.first().copied().unwrap_or_default()),
         other_frames: BTreeMap::new(),
-        goal_frame: unturned(positions.last().copied().unwrap_or_default()),
+        goal_frame: unrotated(positions.last().copied().unwrap_or_default()),
         times_s,
-        poses: positions.into_iter().map(unturned).collect(),
+        poses: positions.into_iter().map(unrotated).collect(),
         velocities,
     })
 }

@@ -5,7 +5,7 @@
 
 use std::io::Read;
 
-use super::BYTES_MAX;
+use super::rows::BYTES_MAX;
 
 /// Bound on cells in cells.
 const DEPTH_MAX: usize = 16;

@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use glam::{DQuat, DVec3, DVec4};
+use glam::DVec3;
 use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::Pose;
 
-use super::{Interpolation, Selection, input};
+use super::resampling::resample;
+use super::selection::Selection;
 use crate::demonstration::{DURATION_MAX_S, Demonstration, POINTS_MIN, POSITION_MAX_M};
 use crate::file_error::FileError;
 
@@ -44,6 +45,10 @@ pub(super) struct Recording {
 
 impl Recording {
     /// Checks the recording and brings it to even times.
+    ///
+    /// # Errors
+    /// [`FileError::Input`]: too few samples, numbers that are not finite or too large, times that
+    /// do not grow, that are uneven, or that contradict the velocities.
     pub(super) fn finish(
         mut self,
         path: &Path,
@@ -51,33 +56,12 @@ impl Recording {
         name: &str,
         selection: &Selection,
     ) -> Result<Demonstration, FileError> {
-        let fail = |place: &str, problem: String| Err(input(path, place, problem));
-        if self.poses.len() < POINTS_MIN {
-            let found = self.poses.len();
-            let problem = format!("expected at least {POINTS_MIN} samples, found {found}");
-            return fail(&self.place, problem);
-        }
         if let Some(step) = selection.recorded_at_s {
             self.times_s = (0..self.poses.len()).map(|i| i as f64 * step).collect();
         }
-        if let Err(problem) = self.check() {
-            return fail(&self.place, problem);
-        }
-        let last = self.poses.len() - 1;
-        let duration_s = self.times_s[last] - self.times_s[0];
-        if duration_s > DURATION_MAX_S {
-            let problem = format!(
-                "expected at most {DURATION_MAX_S} s, found {duration_s} s: are its times in seconds?"
-            );
-            return fail(&self.place, problem);
-        }
-        let even_s = duration_s / last as f64;
-        // Who says how the samples were recorded has decided between times and velocities.
-        if selection.recorded_at_s.is_none()
-            && let Err(problem) = self.check_velocities(even_s)
-        {
-            return fail(&self.place, problem);
-        }
+        let duration_s = self
+            .check(selection.recorded_at_s.is_some())
+            .map_err(|problem| FileError::input(path, &self.place, problem))?;
         let (sampling_time_s, poses) = match selection.sampling_time_s {
             Some(wanted_s) => {
                 // The ends stay where they are: the step gives way.
@@ -87,23 +71,16 @@ impl Recording {
                         "expected a time that makes {POINTS_MIN} to {SAMPLES_MAX} samples of \
                          {duration_s} s, found {wanted_s} s"
                     );
-                    return fail("option --sampling-time-s", problem);
+                    return Err(FileError::input(path, "option --sampling-time-s", problem));
                 }
-                let count = steps as usize;
-                (duration_s / steps, self.resampled(count, selection.interpolation))
+                let poses =
+                    resample(&self.times_s, &self.poses, steps as usize, selection.interpolation);
+                (duration_s / steps, poses)
             }
             None => {
-                let late = |(i, t): (usize, &f64)| {
-                    let expected = self.times_s[0] + i as f64 * even_s;
-                    ((t - expected).abs() > JITTER_MAX * even_s).then_some((i, *t, expected))
-                };
-                if let Some((i, found, expected)) = self.times_s.iter().enumerate().find_map(late) {
-                    let problem = format!(
-                        "expected even times {even_s:.6} s apart, but sample {i} is at {found:.6} s \
-                         instead of {expected:.6} s; --sampling-time-s makes them even"
-                    );
-                    return fail(&self.place, problem);
-                }
+                let even_s = self.even_step_s(duration_s);
+                self.check_even_times(even_s)
+                    .map_err(|problem| FileError::input(path, &self.place, problem))?;
                 (even_s, self.poses)
             }
         };
@@ -120,7 +97,45 @@ impl Recording {
         })
     }
 
-    fn check(&self) -> Result<(), String> {
+    /// The duration [s] of a sound recording. Who says how the samples were recorded has decided
+    /// between times and velocities.
+    fn check(&self, step_is_known: bool) -> Result<f64, String> {
+        let count = self.poses.len();
+        if count < POINTS_MIN {
+            return Err(format!("expected at least {POINTS_MIN} samples, found {count}"));
+        }
+        self.check_numbers()?;
+        let duration_s = self.times_s[count - 1] - self.times_s[0];
+        if duration_s > DURATION_MAX_S {
+            return Err(format!(
+                "expected at most {DURATION_MAX_S} s, found {duration_s} s: are its times in seconds?"
+            ));
+        }
+        if !step_is_known {
+            self.check_velocities(self.even_step_s(duration_s))?;
+        }
+        Ok(duration_s)
+    }
+
+    /// Time between even samples [s].
+    fn even_step_s(&self, duration_s: f64) -> f64 {
+        duration_s / (self.poses.len() - 1) as f64
+    }
+
+    fn check_even_times(&self, even_s: f64) -> Result<(), String> {
+        for (i, found) in self.times_s.iter().enumerate() {
+            let expected = self.times_s[0] + i as f64 * even_s;
+            if (found - expected).abs() > JITTER_MAX * even_s {
+                return Err(format!(
+                    "expected even times {even_s:.6} s apart, but sample {i} is at {found:.6} s \
+                     instead of {expected:.6} s; --sampling-time-s makes them even"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_numbers(&self) -> Result<(), String> {
         assert_eq!(self.times_s.len(), self.poses.len(), "readers check the lengths");
         let near = format!("expected finite positions below {POSITION_MAX_M} m");
         let known = [("start", &self.start), ("goal", &self.goal_frame)].into_iter();
@@ -154,17 +169,15 @@ impl Recording {
         let Some(velocities) = &self.velocities else { return Ok(()) };
         assert_eq!(velocities.len(), self.poses.len(), "readers check the lengths");
         if let Some(i) = velocities.iter().position(|v| !is_near(v)) {
-            return Err(format!(
-                "expected finite velocities, found {} at sample {i}",
-                velocities[i]
-            ));
+            let found = velocities[i];
+            return Err(format!("expected finite velocities, found {found} at sample {i}"));
         }
         let (mut along, mut square) = (0.0, 0.0);
         for i in 1..self.poses.len() {
-            let way = (velocities[i - 1] + velocities[i])
+            let step = (velocities[i - 1] + velocities[i])
                 * (0.5 * (self.times_s[i] - self.times_s[i - 1]));
-            along += way.dot(self.poses[i].position - self.poses[i - 1].position);
-            square += way.length_squared();
+            along += step.dot(self.poses[i].position - self.poses[i - 1].position);
+            square += step.length_squared();
         }
         // Velocities that are all zero were not recorded.
         let factor = along / square;
@@ -177,79 +190,6 @@ impl Recording {
             factor * declared_s
         ))
     }
-
-    /// Poses at `steps` + 1 even times from the first to the last.
-    fn resampled(&self, steps: usize, interpolation: Interpolation) -> Vec<Pose> {
-        let last = self.poses.len() - 1;
-        let (first_s, duration_s) = (self.times_s[0], self.times_s[last] - self.times_s[0]);
-        // A quaternion and its negative are the same: neighbours on the same side of the sphere.
-        let mut turns: Vec<DVec4> = Vec::with_capacity(self.poses.len());
-        for pose in &self.poses {
-            let q = DVec4::from(pose.orientation);
-            let other_side = turns.last().is_some_and(|before| before.dot(q) < 0.0);
-            turns.push(if other_side { -q } else { q });
-        }
-        let values: Vec<[DVec4; 2]> =
-            self.poses.iter().zip(turns).map(|(p, q)| [p.position.extend(0.0), q]).collect();
-        let mut i = 0;
-        (0..=steps)
-            .map(|k| {
-                if k == 0 || k == steps {
-                    return self.poses[if k == 0 { 0 } else { last }];
-                }
-                let t = first_s + duration_s * (k as f64 / steps as f64);
-                while i + 2 <= last && self.times_s[i + 1] <= t {
-                    i += 1;
-                }
-                let span = self.times_s[i + 1] - self.times_s[i];
-                let u = ((t - self.times_s[i]) / span).clamp(0.0, 1.0);
-                match interpolation {
-                    Interpolation::Linear => Pose {
-                        position: self.poses[i].position.lerp(self.poses[i + 1].position, u),
-                        orientation: DQuat::from_vec4(values[i][1])
-                            .slerp(DQuat::from_vec4(values[i + 1][1]), u)
-                            .normalize(),
-                    },
-                    Interpolation::Cubic => {
-                        let [p, q] = [0, 1].map(|part| self.hermite(&values, part, i, u));
-                        // Neighbours on one side of the sphere keep the sum away from zero, but
-                        // for turns that jump by almost half a turn.
-                        let turn = if q.length() > 0.1 { q } else { values[i][1] };
-                        Pose {
-                            position: p.truncate(),
-                            orientation: DQuat::from_vec4(turn).normalize(),
-                        }
-                    }
-                }
-            })
-            .collect()
-    }
-
-    /// The cubic between samples i and i + 1 at u in [0, 1].
-    fn hermite(&self, values: &[[DVec4; 2]], part: usize, i: usize, u: f64) -> DVec4 {
-        let span = self.times_s[i + 1] - self.times_s[i];
-        let (a, b) = (values[i][part], values[i + 1][part]);
-        let [slope_a, slope_b] = [i, i + 1].map(|j| self.slope(values, part, j) * span);
-        let (u2, u3) = (u * u, u * u * u);
-        a * (2.0 * u3 - 3.0 * u2 + 1.0)
-            + slope_a * (u3 - 2.0 * u2 + u)
-            + b * (3.0 * u2 - 2.0 * u3)
-            + slope_b * (u3 - u2)
-    }
-
-    /// Slope at a sample of the parabola through it and its neighbours.
-    fn slope(&self, values: &[[DVec4; 2]], part: usize, j: usize) -> DVec4 {
-        let middle = j.clamp(1, values.len() - 2);
-        let rate = |k: usize| {
-            (values[k + 1][part] - values[k][part]) / (self.times_s[k + 1] - self.times_s[k])
-        };
-        let (before, after) = (rate(middle - 1), rate(middle));
-        let [t0, t1, t2] = [middle - 1, middle, middle + 1].map(|k| self.times_s[k]);
-        let bend = (after - before) / (t2 - t0);
-        // Newton's form, differentiated at t_j.
-        let t = self.times_s[j];
-        before + bend * (2.0 * t - t0 - t1)
-    }
 }
 
 /// Finite and not far away: no coordinate is NaN.
@@ -260,6 +200,8 @@ fn is_near(vector: &DVec3) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::import::selection::Interpolation;
+    use glam::DQuat;
 
     fn uneven() -> Recording {
         let times_s: Vec<f64> =
@@ -268,10 +210,10 @@ mod tests {
             .iter()
             .enumerate()
             .map(|(i, t)| {
-                let turn = DQuat::from_rotation_z(0.8 * t);
+                let rotation = DQuat::from_rotation_z(0.8 * t);
                 let position = DVec3::new(t * t, 1.0 - t, 0.3 * t);
                 // Every third quaternion is on the other side.
-                Pose { position, orientation: if i % 3 == 0 { -turn } else { turn } }
+                Pose { position, orientation: if i % 3 == 0 { -rotation } else { rotation } }
             })
             .collect();
         let still = Pose { position: DVec3::ZERO, orientation: DQuat::IDENTITY };
@@ -288,12 +230,14 @@ mod tests {
     }
 
     fn finish(recording: Recording, selection: &Selection) -> Result<Demonstration, String> {
-        let path = Path::new("shown.csv");
-        recording.finish(path, "made_up", "shown.json", selection).map_err(|e| e.to_string())
+        let path = Path::new("demonstration.csv");
+        recording
+            .finish(path, "made_up", "demonstration.json", selection)
+            .map_err(|e| e.to_string())
     }
 
     #[test]
-    fn cubics_keep_parabolas_and_turns_and_both_ends() {
+    fn cubics_keep_parabolas_and_rotations_and_both_ends() {
         let recording = uneven();
         let (first, last) = (recording.times_s[0], recording.times_s[39]);
         for (interpolation, error_max) in
@@ -311,8 +255,8 @@ mod tests {
                 let t = first + k as f64 * even.sampling_time_s;
                 let expected = DVec3::new(t * t, 1.0 - t, 0.3 * t);
                 assert!((pose.position - expected).length() < error_max, "{k}");
-                let turn = DQuat::from_rotation_z(0.8 * t);
-                assert!(turn.dot(pose.orientation).abs() > 1.0 - 1e-9, "{k}");
+                let rotation = DQuat::from_rotation_z(0.8 * t);
+                assert!(rotation.dot(pose.orientation).abs() > 1.0 - 1e-9, "{k}");
             }
         }
     }
@@ -353,8 +297,8 @@ mod tests {
         recording.velocities = speeds(0.5);
         for step_s in [0.05, 0.1] {
             let said = Selection { recorded_at_s: Some(step_s), ..Selection::default() };
-            let shown = finish(recording.clone(), &said).unwrap();
-            assert!((shown.sampling_time_s - step_s).abs() < 1e-12);
+            let even = finish(recording.clone(), &said).unwrap();
+            assert!((even.sampling_time_s - step_s).abs() < 1e-12);
         }
     }
 }

@@ -7,12 +7,13 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use glam::{DQuat, DVec3};
+use csv::StringRecord;
 use serde::Deserialize;
 use tprmp_model::skill_model::Manifold;
-use tprmp_spatial::Pose;
 
-use super::{Recording, Selection, input, read_bytes};
+use super::recording::Recording;
+use super::rows::{pose_of, read_bytes, vector_of};
+use super::selection::Selection;
 use crate::demonstration::{FileFrame, columns, frame, other_frames};
 use crate::file_error::{FileError, read_text};
 
@@ -27,58 +28,29 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, File
     let mut table = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes.as_slice());
     let malformed = |e: csv::Error| {
         let line = e.position().map_or(1, csv::Position::line);
-        input(path, format!("line {line}"), format!("expected a table of text, found: {e}"))
+        let problem = format!("expected a table of text, found: {e}");
+        FileError::input(path, format!("line {line}"), problem)
     };
-    let header = table.headers().map_err(malformed)?.clone();
-    // Some programs begin a text with a byte order mark.
-    let names: Vec<&str> = header.iter().map(|name| name.trim_start_matches('\u{feff}')).collect();
-    if let Some(twice) = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
-        return Err(column(path, twice.1, "expected it once, found it again".into()));
-    }
-    let has = |all: &[&str]| all.iter().all(|name| names.contains(name));
-    let manifold = if has(&["qw"]) {
-        Manifold::R3S3
-    } else if has(&["z_m"]) {
-        Manifold::R3
-    } else {
-        Manifold::R2
-    };
-    let places = |wanted: &[&str]| -> Result<Vec<(String, usize)>, FileError> {
-        let place = |name: &&str| {
-            let found = names.iter().position(|n| n == name);
-            found.map(|at| ((*name).to_owned(), at)).ok_or_else(|| {
-                let expected = columns(manifold).join(", ");
-                let problem = format!(
-                    "expected a header with time_s, {expected}, found {}",
-                    names.join(", ")
-                );
-                column(path, name, problem)
-            })
-        };
-        wanted.iter().map(place).collect()
-    };
+    let header = Header::new(table.headers().map_err(malformed)?, path)?;
+    let manifold = header.manifold();
     let speeds = &["vx_m_s", "vy_m_s", "vz_m_s"][..manifold.position_dimension()];
-    let time_column = places(&["time_s"])?;
-    let pose_columns = places(columns(manifold))?;
-    let speed_columns = if has(speeds) { places(speeds)? } else { Vec::new() };
+    let time_column = header.find(&["time_s"])?;
+    let pose_columns = header.find(columns(manifold))?;
+    let speed_columns = if header.has(speeds) { header.find(speeds)? } else { Vec::new() };
 
     let (mut times_s, mut poses, mut velocities) = (Vec::new(), Vec::new(), Vec::new());
     for record in table.records() {
         let record = record.map_err(malformed)?;
         let line = record.position().map_or(0, csv::Position::line);
-        let numbers = |columns: &[(String, usize)]| -> Result<Vec<f64>, FileError> {
-            let number = |(name, at): &(String, usize)| {
-                let text = record.get(*at).unwrap_or_default();
-                text.parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| {
-                    let problem = format!("expected a finite number, found `{text}`");
-                    input(path, format!("line {line}, column `{name}`"), problem)
-                })
-            };
-            columns.iter().map(number).collect()
+        let numbers = |columns| {
+            numbers(&record, columns).map_err(|(column, problem)| {
+                FileError::input(path, format!("line {line}, column `{column}`"), problem)
+            })
         };
         times_s.push(numbers(&time_column)?[0]);
         poses.push(pose_of(&numbers(&pose_columns)?).map_err(|problem| {
-            input(path, format!("line {line}, columns `qw`, `qx`, `qy`, `qz`"), problem)
+            let place = format!("line {line}, columns `qw`, `qx`, `qy`, `qz`");
+            FileError::input(path, place, problem)
         })?);
         if !speed_columns.is_empty() {
             velocities.push(vector_of(&numbers(&speed_columns)?));
@@ -86,8 +58,7 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, File
     }
 
     let frames_path = path.with_extension("frames.json");
-    let text = read_text(&frames_path)?;
-    let frames: Frames = serde_json::from_str(&text)
+    let frames: Frames = serde_json::from_str(&read_text(&frames_path)?)
         .map_err(|e| FileError::syntax(&frames_path, e.line(), e.column(), e.to_string()))?;
     let [start, goal] = selection.frames(manifold);
     Ok(Recording {
@@ -102,29 +73,63 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, File
     })
 }
 
-fn column(path: &Path, name: &str, problem: String) -> FileError {
-    input(path, format!("column `{name}`"), problem)
+/// A column's name and its place in a row.
+type Column = (String, usize);
+
+/// The names of a table's columns.
+struct Header<'a> {
+    path: &'a Path,
+    names: Vec<&'a str>,
 }
 
-/// x, y and z if there is one.
-pub(super) fn vector_of(row: &[f64]) -> DVec3 {
-    DVec3::new(row[0], row[1], row.get(2).copied().unwrap_or(0.0))
-}
-
-/// The pose of 2, 3 or 7 numbers: x y [z [qw qx qy qz]].
-pub(super) fn pose_of(row: &[f64]) -> Result<Pose, String> {
-    let orientation = match row.get(3..7) {
-        None => DQuat::IDENTITY,
-        Some(q) => {
-            let q = DQuat::from_xyzw(q[1], q[2], q[3], q[0]);
-            let length = q.length();
-            if !length.is_finite() || (length - 1.0).abs() > 1e-3 {
-                return Err(format!(
-                    "expected a unit quaternion w, x, y, z, found one of length {length:.6}"
-                ));
-            }
-            q.normalize()
+impl<'a> Header<'a> {
+    fn new(record: &'a StringRecord, path: &'a Path) -> Result<Self, FileError> {
+        // Some programs begin a text with a byte order mark.
+        let names: Vec<_> = record.iter().map(|name| name.trim_start_matches('\u{feff}')).collect();
+        let header = Self { path, names };
+        let names = &header.names;
+        match names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
+            Some((_, twice)) => Err(header.refuse(twice, "expected it once, found it again")),
+            None => Ok(header),
         }
+    }
+
+    fn refuse(&self, column: &str, problem: impl Into<String>) -> FileError {
+        FileError::input(self.path, format!("column `{column}`"), problem)
+    }
+
+    fn has(&self, all: &[&str]) -> bool {
+        all.iter().all(|name| self.names.contains(name))
+    }
+
+    fn manifold(&self) -> Manifold {
+        match (self.has(&["qw"]), self.has(&["z_m"])) {
+            (true, _) => Manifold::R3S3,
+            (_, true) => Manifold::R3,
+            _ => Manifold::R2,
+        }
+    }
+
+    fn find(&self, wanted: &[&str]) -> Result<Vec<Column>, FileError> {
+        let find = |name: &&str| {
+            let found = self.names.iter().position(|n| n == name);
+            found.map(|at| ((*name).to_owned(), at)).ok_or_else(|| {
+                let expected = columns(self.manifold()).join(", ");
+                let found = self.names.join(", ");
+                let problem = format!("expected a header with time_s, {expected}, found {found}");
+                self.refuse(name, problem)
+            })
+        };
+        wanted.iter().map(find).collect()
+    }
+}
+
+/// Finite numbers of a row, or the column that has none and what was expected.
+fn numbers(record: &StringRecord, columns: &[Column]) -> Result<Vec<f64>, (String, String)> {
+    let number = |(name, at): &Column| {
+        let text = record.get(*at).unwrap_or_default();
+        let number = text.parse::<f64>().ok().filter(|x| x.is_finite());
+        number.ok_or_else(|| (name.clone(), format!("expected a finite number, found `{text}`")))
     };
-    Ok(Pose { position: vector_of(row), orientation })
+    columns.iter().map(number).collect()
 }

@@ -22,7 +22,10 @@ use serde::Deserialize;
 use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::Pose;
 
-use super::{Recording, Selection};
+use super::recording::Recording;
+use super::rows::pose_of;
+use super::selection::Selection;
+use crate::demonstration::columns;
 use crate::file_error::{FileError, read_text};
 
 /// How far a rotation may be from one.
@@ -60,17 +63,25 @@ pub(super) fn read(
     path: &Path,
     selection: &Selection,
 ) -> Result<(String, Vec<Recording>), FileError> {
-    let text = read_text(path)?;
-    let file: Foreign = serde_json::from_str(&text)
+    let file: Foreign = serde_json::from_str(&read_text(path)?)
         .map_err(|e| FileError::syntax(path, e.line(), e.column(), e.to_string()))?;
-    let fail = |key: &str, problem: String| Err(FileError::key(path, key, problem));
-    let (manifold, frames) = match file.manifold.as_str() {
-        "R2" => (Manifold::R2, ["start", "end"]),
-        "R3xS3" => (Manifold::R3S3, ["ee_frame", "obj_frame"]),
+    recordings(&file, selection)
+        .map(|recordings| (selection.skill.clone().unwrap_or(file.name), recordings))
+        .map_err(|(key, problem)| FileError::input(path, format!("key `{key}`"), problem))
+}
+
+/// A key that is wrong, and what was expected.
+type Refusal = (String, String);
+
+fn recordings(file: &Foreign, selection: &Selection) -> Result<Vec<Recording>, Refusal> {
+    let fail = |key: &str, problem: String| Err((key.to_owned(), problem));
+    let manifold = match file.manifold.as_str() {
+        "R2" => Manifold::R2,
+        "R3xS3" => Manifold::R3S3,
         other => return fail("manifold", format!("expected R2 or R3xS3, found `{other}`")),
     };
     if manifold.has_orientation() && file.quaternion_order.as_deref() != Some("wxyz") {
-        let found = file.quaternion_order.unwrap_or_else(|| "none".into());
+        let found = file.quaternion_order.as_deref().unwrap_or("none");
         return fail("quaternion_order", format!("expected `wxyz`, found `{found}`"));
     }
     if !(file.dt.is_finite() && file.dt > 0.0) {
@@ -90,88 +101,76 @@ pub(super) fn read(
         }
         _ => {}
     }
-    let skill = selection.skill.clone().unwrap_or(file.name);
-    let mut demonstrations = Vec::new();
-    for (i, foreign) in file.demonstrations.iter().enumerate() {
-        if selection.tag.is_some() && selection.tag != foreign.tag {
-            continue;
-        }
-        let key = format!("demonstrations[{i}]");
-        let (frames_key, foreign_frames) = match &foreign.reference_frames {
-            Some(reference) if selection.reference_frames && !reference.is_empty() => {
-                ("reference_frames", reference)
-            }
-            _ => ("frames", &foreign.frames),
-        };
-        let frame = |name: &str| {
-            let frame = foreign_frames.get(name).and_then(|frame| pose(frame, manifold));
-            frame.ok_or_else(|| {
-                let problem = match manifold {
-                    Manifold::R2 => "expected `A`, a rotation of the plane, and `b`, a point",
-                    _ => "expected `position` and a unit `quaternion`",
-                };
-                FileError::key(path, format!("{key}.{frames_key}.{name}"), problem)
-            })
-        };
-        let (start, goal_frame) = (frame(frames[0])?, frame(frames[1])?);
-        let mut poses = Vec::with_capacity(foreign.positions.len());
-        for (j, row) in foreign.positions.iter().enumerate() {
-            let Some(pose) = sample(row, manifold) else {
-                let columns = crate::demonstration::columns(manifold);
-                let problem = format!("expected {columns:?}, found {row:?}");
-                return fail(&format!("{key}.positions[{j}]"), problem);
-            };
-            poses.push(pose);
-        }
-        demonstrations.push(Recording {
-            place: format!("key `{key}`"),
-            manifold,
-            start,
-            goal_frame,
-            other_frames: BTreeMap::new(),
-            times_s: (0..poses.len()).map(|i| i as f64 * file.dt).collect(),
-            poses,
-            velocities: None,
-        });
-    }
-    if demonstrations.is_empty() {
+    let chosen = (file.demonstrations.iter().enumerate())
+        .filter(|(_, foreign)| selection.tag.is_none() || selection.tag == foreign.tag);
+    let recordings: Vec<_> = chosen
+        .map(|(i, foreign)| {
+            let key = format!("demonstrations[{i}]");
+            recording(foreign, &key, manifold, file.dt, selection.reference_frames)
+        })
+        .collect::<Result<_, _>>()?;
+    if recordings.is_empty() {
         return fail("demonstrations", "expected at least one, found none".into());
     }
-    Ok((skill, demonstrations))
+    Ok(recordings)
 }
 
-fn pose(frame: &ForeignFrame, manifold: Manifold) -> Option<Pose> {
-    if manifold != Manifold::R2 {
-        let position = DVec3::from_array(frame.position?);
-        return Some(Pose { position, orientation: quaternion(&frame.quaternion?)? });
-    }
-    let rows: Vec<DVec2> = frame
-        .a
-        .as_ref()?
-        .iter()
-        .map(|row| <[f64; 2]>::try_from(row.as_slice()).ok().map(DVec2::from_array))
-        .collect::<Option<_>>()?;
-    let [first, second] = <[DVec2; 2]>::try_from(rows).ok()?;
-    let rotation = DMat2::from_cols(first, second).transpose();
+/// The demonstration at a key.
+fn recording(
+    foreign: &ForeignDemonstration,
+    key: &str,
+    manifold: Manifold,
+    dt: f64,
+    with_reference_frames: bool,
+) -> Result<Recording, Refusal> {
+    let (frames_key, frames) = match &foreign.reference_frames {
+        Some(reference) if with_reference_frames && !reference.is_empty() => {
+            ("reference_frames", reference)
+        }
+        _ => ("frames", &foreign.frames),
+    };
+    let (start, goal, expected) = match manifold {
+        Manifold::R2 => ("start", "end", "expected `A`, a rotation of the plane, and `b`, a point"),
+        _ => ("ee_frame", "obj_frame", "expected `position` and a unit `quaternion`"),
+    };
+    let frame = |name: &str| {
+        let frame = frames.get(name).and_then(|frame| match manifold {
+            Manifold::R2 => planar_pose(frame),
+            _ => spatial_pose(frame),
+        });
+        frame.ok_or_else(|| (format!("{key}.{frames_key}.{name}"), expected.to_owned()))
+    };
+    let columns = columns(manifold);
+    let sample = |(j, row): (usize, &Vec<f64>)| {
+        let pose = if row.len() == columns.len() { pose_of(row).ok() } else { None };
+        pose.ok_or_else(|| {
+            (format!("{key}.positions[{j}]"), format!("expected {columns:?}, found {row:?}"))
+        })
+    };
+    Ok(Recording {
+        place: format!("key `{key}`"),
+        manifold,
+        start: frame(start)?,
+        goal_frame: frame(goal)?,
+        other_frames: BTreeMap::new(),
+        times_s: (0..foreign.positions.len()).map(|i| i as f64 * dt).collect(),
+        poses: foreign.positions.iter().enumerate().map(sample).collect::<Result<_, _>>()?,
+        velocities: None,
+    })
+}
+
+fn spatial_pose(frame: &ForeignFrame) -> Option<Pose> {
+    pose_of(&[&frame.position?[..], &frame.quaternion?].concat()).ok()
+}
+
+fn planar_pose(frame: &ForeignFrame) -> Option<Pose> {
+    let rows = <[Vec<f64>; 2]>::try_from(frame.a.clone()?).ok()?;
+    let [first, second] = rows.map(|row| <[f64; 2]>::try_from(row).ok().map(DVec2::from_array));
+    let rotation = DMat2::from_cols(first?, second?).transpose();
     let angle = rotation.x_axis.y.atan2(rotation.x_axis.x);
     if !rotation.abs_diff_eq(DMat2::from_angle(angle), ROTATION_TOLERANCE) {
         return None;
     }
     let [x, y] = <[f64; 2]>::try_from(frame.b.as_deref()?).ok()?;
     Some(Pose { position: DVec3::new(x, y, 0.0), orientation: DQuat::from_rotation_z(angle) })
-}
-
-fn sample(row: &[f64], manifold: Manifold) -> Option<Pose> {
-    if manifold == Manifold::R2 {
-        let [x, y] = <[f64; 2]>::try_from(row).ok()?;
-        return Some(Pose { position: DVec3::new(x, y, 0.0), orientation: DQuat::IDENTITY });
-    }
-    let [x, y, z, rotation @ ..] = <[f64; 7]>::try_from(row).ok()?;
-    Some(Pose { position: DVec3::new(x, y, z), orientation: quaternion(&rotation)? })
-}
-
-fn quaternion(wxyz: &[f64; 4]) -> Option<DQuat> {
-    let [w, x, y, z] = *wxyz;
-    let q = DQuat::from_xyzw(x, y, z, w);
-    ((q.length() - 1.0).abs() < 1e-3).then(|| q.normalize())
 }

@@ -8,7 +8,7 @@ use tprmp_model::controller_config::Robot;
 use tprmp_robot::{Chain, Kinematics, count_joints, forward_kinematics};
 use tprmp_spatial::Pose;
 
-use super::RecordError;
+use super::error::RecordError;
 use crate::file_error::FileError;
 
 /// An arm of any number of joints.

@@ -10,12 +10,12 @@ use tprmp_messages::{
 use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
 use tprmp_spatial::Pose;
 
-/// Two states farther apart than this do not tell how the arm moved in between [ns].
+/// Two states farther apart than this do not show how the arm moved in between [ns].
 pub(super) const GAP_MAX_NS: u64 = 100_000_000;
-/// Of states that follow each other faster, not every one is taken [ns]: what a demonstration holds
+/// Of states that follow each other faster, not every one is kept [ns]: what a demonstration holds
 /// is bounded.
 const STEP_MIN_NS: u64 = 400_000;
-/// Older frames are not believed [ns].
+/// Older frames are not used [ns].
 const FRAMES_AGE_MAX_NS: u64 = 1_000_000_000;
 /// How far a frame of a planar skill may lie off the plane [m]: files are written with six decimals.
 const OFF_PLANE_MAX_M: f64 = 5e-7;
@@ -59,15 +59,15 @@ pub(super) struct StateIntake {
     joints: usize,
     /// Sequence number and time of the newest state [ns].
     last: Option<(u64, u64)>,
-    /// Time of the newest state that was taken [ns].
-    taken_ns: Option<u64>,
+    /// Time of the newest state that was kept [ns].
+    kept_ns: Option<u64>,
     /// Sequence numbers skipped since then.
     skipped: u64,
 }
 
 impl StateIntake {
     pub(super) fn new(joints: usize) -> Self {
-        Self { joints, last: None, taken_ns: None, skipped: 0 }
+        Self { joints, last: None, kept_ns: None, skipped: 0 }
     }
 
     /// The next state may be anything.
@@ -75,22 +75,22 @@ impl StateIntake {
         *self = Self::new(self.joints);
     }
 
-    /// Checks a state. Gives the sequence numbers that were skipped before it; `None` when it tells
-    /// nothing new, because it was measured at the time of another one.
+    /// Checks a state. Gives the sequence numbers that were skipped before it; `None` when it is not
+    /// new, because it was measured at the time of another one.
     ///
     /// # Errors
     /// What is wrong with it. The one after it is compared with it all the same.
-    pub(super) fn take(&mut self, state: &RobotState) -> Result<Option<u64>, Fault> {
+    pub(super) fn check(&mut self, state: &RobotState) -> Result<Option<u64>, Fault> {
         let before = self.last.replace((state.sequence, state.time_ns));
-        let result = self.judge(state, before);
+        let result = self.compare(state, before);
         if result.is_err() {
-            self.taken_ns = None;
+            self.kept_ns = None;
             self.skipped = 0;
         }
         result
     }
 
-    fn judge(
+    fn compare(
         &mut self,
         state: &RobotState,
         before: Option<(u64, u64)>,
@@ -113,17 +113,17 @@ impl StateIntake {
             }
             self.skipped += (state.sequence - sequence).saturating_sub(1);
         }
-        if self.taken_ns.is_some_and(|taken| state.time_ns - taken < STEP_MIN_NS) {
+        if self.kept_ns.is_some_and(|kept| state.time_ns - kept < STEP_MIN_NS) {
             return Ok(None);
         }
-        self.taken_ns = Some(state.time_ns);
+        self.kept_ns = Some(state.time_ns);
         Ok(Some(std::mem::take(&mut self.skipped)))
     }
 }
 
 /// What is known of a frame; as text it goes on after "a frame, which".
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Sight {
+pub(super) enum FrameStatus {
     /// No frames have been published.
     Nothing,
     /// It is not among them.
@@ -138,21 +138,21 @@ pub(super) enum Sight {
     NotPlanar,
     /// The frames are older than the state by too much.
     Stale,
-    /// It is here, in `B`.
-    Seen(Pose),
+    /// X_BF.
+    Usable(Pose),
 }
 
-impl Sight {
-    /// The frame, where it is seen.
+impl FrameStatus {
+    /// The frame, where it is usable.
     pub(super) fn pose(self) -> Option<Pose> {
         match self {
-            Self::Seen(pose) => Some(pose),
+            Self::Usable(pose) => Some(pose),
             _ => None,
         }
     }
 }
 
-impl fmt::Display for Sight {
+impl fmt::Display for FrameStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Nothing => "is not there: no task frames are published",
@@ -161,20 +161,20 @@ impl fmt::Display for Sight {
             Self::NotFinite => "has a number that is not finite",
             Self::NotUnit => "has a quaternion that is not of unit length",
             Self::NotPlanar => {
-                "is not in the plane: a planar skill has frames with z = 0, turned about z"
+                "is not in the plane: a planar skill has frames with z = 0, rotated about z"
             }
             Self::Stale => "is older than the state by more than a second",
-            Self::Seen(_) => "is seen",
+            Self::Usable(_) => "is usable",
         })
     }
 }
 
 /// What is known of the frames of a skill, in the order of their names; beyond them there is
 /// nothing.
-pub(super) type Frames = [Sight; FRAME_CAPACITY];
+pub(super) type Frames = [FrameStatus; FRAME_CAPACITY];
 
 /// No frames have been published.
-pub(super) const NO_FRAMES: Frames = [Sight::Nothing; FRAME_CAPACITY];
+pub(super) const NO_FRAMES: Frames = [FrameStatus::Nothing; FRAME_CAPACITY];
 
 /// Checks frames and keeps the newest.
 #[derive(Debug)]
@@ -208,11 +208,11 @@ impl FramesIntake {
         self.published.clear();
     }
 
-    /// Takes in a message.
-    pub(super) fn take(&mut self, message: &TaskFrames) {
+    /// Handles a message.
+    pub(super) fn update(&mut self, message: &TaskFrames) {
         let frames = message.listed().unwrap_or(&message.frames);
         for (newest, name) in self.newest.iter_mut().zip(&self.names) {
-            *newest = sight(frames, name, self.planar);
+            *newest = status(frames, name, self.planar);
         }
         self.time_ns = message.time_ns;
         self.published.clear();
@@ -222,9 +222,9 @@ impl FramesIntake {
     /// The frames as they count for a state of this time [ns].
     pub(super) fn at(&self, state_ns: u64) -> Frames {
         let stale = state_ns.saturating_sub(self.time_ns) > FRAMES_AGE_MAX_NS;
-        self.newest.map(|sight| match sight {
-            Sight::Seen(_) if stale => Sight::Stale,
-            sight => sight,
+        self.newest.map(|status| match status {
+            FrameStatus::Usable(_) if stale => FrameStatus::Stale,
+            status => status,
         })
     }
 
@@ -236,26 +236,26 @@ impl FramesIntake {
     }
 }
 
-fn sight(frames: &[Frame], name: &[u8; NAME_CAPACITY], planar: bool) -> Sight {
+fn status(frames: &[Frame], name: &[u8; NAME_CAPACITY], planar: bool) -> FrameStatus {
     let found = Frame::find(frames, name);
     let frame = match found.and_then(|frame| frame.check_pose().map(|()| frame)) {
         Ok(frame) => frame,
-        Err(FrameFault::Absent) => return Sight::Absent,
-        Err(FrameFault::Invalid) => return Sight::Invalid,
-        Err(FrameFault::NotFinite) => return Sight::NotFinite,
-        Err(FrameFault::NotUnit) => return Sight::NotUnit,
+        Err(FrameFault::Absent) => return FrameStatus::Absent,
+        Err(FrameFault::Invalid) => return FrameStatus::Invalid,
+        Err(FrameFault::NotFinite) => return FrameStatus::NotFinite,
+        Err(FrameFault::NotUnit) => return FrameStatus::NotUnit,
     };
     let [w, x, y, z] = frame.quaternion;
     let mut position = DVec3::from(frame.position);
     let mut orientation = DQuat::from_xyzw(x, y, z, w);
     if planar {
         if position.z.abs() > OFF_PLANE_MAX_M || x.hypot(y) > QUATERNION_TOLERANCE {
-            return Sight::NotPlanar;
+            return FrameStatus::NotPlanar;
         }
         position.z = 0.0;
         orientation = DQuat::from_xyzw(0.0, 0.0, z, w);
     }
-    Sight::Seen(Pose { position, orientation: orientation.normalize() })
+    FrameStatus::Usable(Pose { position, orientation: orientation.normalize() })
 }
 
 #[cfg(test)]
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn every_faulty_state_has_its_fault_and_the_next_good_one_is_taken() {
+    fn every_faulty_state_has_its_fault_and_the_next_good_one_is_kept() {
         type Edit = fn(&mut RobotState);
         let cases: [(Edit, Fault); 5] = [
             (|s| s.joint_count = 3, Fault::JointCount { expected: 2, found: 3 }),
@@ -279,46 +279,46 @@ mod tests {
         ];
         for (edit, fault) in cases {
             let mut intake = StateIntake::new(2);
-            assert_eq!(intake.take(&state(10, 1_000_000_000)), Ok(Some(0)));
+            assert_eq!(intake.check(&state(10, 1_000_000_000)), Ok(Some(0)));
             let mut bad = state(11, 1_001_000_000);
             edit(&mut bad);
-            assert_eq!(intake.take(&bad), Err(fault));
+            assert_eq!(intake.check(&bad), Err(fault));
             let next = state(bad.sequence + 1, bad.time_ns + 1_000_000);
-            assert_eq!(intake.take(&next), Ok(Some(0)), "{fault:?}");
+            assert_eq!(intake.check(&next), Ok(Some(0)), "{fault:?}");
         }
     }
 
     #[test]
-    fn skipped_numbers_are_counted_and_repeated_measurements_tell_nothing() {
+    fn skipped_numbers_are_counted_and_repeated_measurements_are_skipped() {
         let mut intake = StateIntake::new(2);
         // What is beyond the joints does not count.
         let mut first = state(1, 0);
         first.position[2] = f64::NAN;
-        assert_eq!(intake.take(&first), Ok(Some(0)));
-        assert_eq!(intake.take(&state(4, 1_000_000)), Ok(Some(2)));
-        assert_eq!(intake.take(&state(6, 1_000_000)), Ok(None));
-        assert_eq!(intake.take(&state(7, 1_100_000)), Ok(None));
-        assert_eq!(intake.take(&state(8, 2_000_000)), Ok(Some(1)));
+        assert_eq!(intake.check(&first), Ok(Some(0)));
+        assert_eq!(intake.check(&state(4, 1_000_000)), Ok(Some(2)));
+        assert_eq!(intake.check(&state(6, 1_000_000)), Ok(None));
+        assert_eq!(intake.check(&state(7, 1_100_000)), Ok(None));
+        assert_eq!(intake.check(&state(8, 2_000_000)), Ok(Some(1)));
         intake.forget();
-        assert_eq!(intake.take(&state(1, 0)), Ok(Some(0)));
+        assert_eq!(intake.check(&state(1, 0)), Ok(Some(0)));
     }
 
     #[test]
-    fn every_defect_of_a_frame_is_seen() {
+    fn every_defect_of_a_frame_is_found() {
         type Edit = fn(&mut TaskFrames);
-        let cases: [(Edit, Sight); 7] = [
-            (|m| m.frame_count = 1, Sight::Absent),
-            (|m| m.frames[1].name[0] = b'x', Sight::Absent),
-            (|m| m.frames[1].valid = 0, Sight::Invalid),
-            (|m| m.frames[1].position[0] = f64::INFINITY, Sight::NotFinite),
-            (|m| m.frames[1].quaternion = [0.9, 0.0, 0.0, 0.0], Sight::NotUnit),
-            (|m| m.frames[1].position[2] = 0.01, Sight::NotPlanar),
-            (|m| m.frames[1].quaternion = [0.0, 1.0, 0.0, 0.0], Sight::NotPlanar),
+        let cases: [(Edit, FrameStatus); 7] = [
+            (|m| m.frame_count = 1, FrameStatus::Absent),
+            (|m| m.frames[1].name[0] = b'x', FrameStatus::Absent),
+            (|m| m.frames[1].valid = 0, FrameStatus::Invalid),
+            (|m| m.frames[1].position[0] = f64::INFINITY, FrameStatus::NotFinite),
+            (|m| m.frames[1].quaternion = [0.9, 0.0, 0.0, 0.0], FrameStatus::NotUnit),
+            (|m| m.frames[1].position[2] = 0.01, FrameStatus::NotPlanar),
+            (|m| m.frames[1].quaternion = [0.0, 1.0, 0.0, 0.0], FrameStatus::NotPlanar),
         ];
         let names = ["start", "end"].map(|name| name_bytes(name).unwrap());
         let frame =
             |name| Frame { name, valid: 1, quaternion: [1.0, 0.0, 0.0, 0.0], ..Default::default() };
-        let seen = Sight::Seen(Pose::IDENTITY);
+        let usable = FrameStatus::Usable(Pose::IDENTITY);
         let mut good = TaskFrames { frame_count: 2, time_ns: 5, ..Default::default() };
         good.frames[..2].copy_from_slice(&names.map(frame));
         let mut intake = FramesIntake::new(names.to_vec(), Manifold::R2);
@@ -326,12 +326,12 @@ mod tests {
         for (edit, expected) in cases {
             let mut message = good;
             edit(&mut message);
-            intake.take(&message);
-            assert_eq!(intake.at(5)[..3], [seen, expected, Sight::Nothing]);
+            intake.update(&message);
+            assert_eq!(intake.at(5)[..3], [usable, expected, FrameStatus::Nothing]);
         }
-        intake.take(&good);
-        assert_eq!(intake.at(5 + FRAMES_AGE_MAX_NS)[1], seen);
-        assert_eq!(intake.at(6 + FRAMES_AGE_MAX_NS)[1], Sight::Stale);
+        intake.update(&good);
+        assert_eq!(intake.at(5 + FRAMES_AGE_MAX_NS)[1], usable);
+        assert_eq!(intake.at(6 + FRAMES_AGE_MAX_NS)[1], FrameStatus::Stale);
         assert_eq!(intake.published(), "`start`, `end`");
         intake.forget();
         assert_eq!((intake.at(5), intake.published()), (NO_FRAMES, "none".into()));

@@ -1,23 +1,23 @@
 //! Decides what is a demonstration: a motion of the tool between two rests, with frames that rest.
 //!
 //! ```text
-//! Unsettled ── the arm rests ──► Ready ── it moves, frames are seen ──► Showing
+//! Unsettled ── the arm rests ──► Ready ── it moves, frames are there ─► Recording
 //!     ▲                            ▲                                       │
 //!     │                            └──────── it rests: a demonstration ────┤
 //!     └──── a fault, a frame that moves, a motion without frames ──────────┘
 //! ```
 //!
-//! The tool moves when it is displaced or turned, over a window of time, faster than noise; so
+//! The tool moves when it is displaced or rotated, over a window of time, faster than noise; so
 //! nothing depends on velocities that a publisher may not measure. After a refusal the arm has to
-//! rest first, so that no second half of a motion is taken for a whole one.
+//! rest first, so that no second half of a motion counts as a whole one.
 
 use std::collections::VecDeque;
 
 use tprmp_model::skill_model::FRAME_CAPACITY;
 use tprmp_spatial::Pose;
 
-use super::intake::{Frames, NO_FRAMES, Sight};
-use super::take::{Sample, Shown, Take, Task};
+use super::intake::{FrameStatus, Frames, NO_FRAMES};
+use super::recording::{Recorded, Recording, Sample, Task};
 use crate::demonstration::DURATION_MAX_S;
 use crate::demonstration::plausibility::angle;
 
@@ -25,7 +25,7 @@ use crate::demonstration::plausibility::angle;
 const WINDOW_NS: u64 = 100_000_000;
 /// The tool moves when it is faster than this [m/s] …
 const MOVING_M_S: f64 = 0.01;
-/// … or turns faster than this [rad/s].
+/// … or rotates faster than this [rad/s].
 const MOVING_RAD_S: f64 = 0.05;
 /// A motion has ended when the tool has rested for so long; so much of the rest before a motion is
 /// looked at, too [ns].
@@ -33,7 +33,7 @@ const REST_NS: u64 = 1_000_000_000;
 /// A frame that has gone farther than this has moved [m]; an object gives way by less when it is
 /// touched.
 const FRAME_MOVED_M: f64 = 0.005;
-/// … or turned farther than this [rad].
+/// … or rotated farther than this [rad].
 const FRAME_MOVED_RAD: f64 = 0.05;
 /// Longer motions are given up [ns].
 const DURATION_MAX_NS: u64 = (DURATION_MAX_S * 1e9) as u64;
@@ -44,7 +44,7 @@ pub(super) enum Event {
     /// A demonstration has begun; whether the tool's pose serves as the start frame.
     Begun { tool_as_start: bool },
     /// A demonstration has ended.
-    Shown(Box<Shown>),
+    Recorded(Box<Recorded>),
     /// A motion is no demonstration, for this reason.
     Refused(String),
 }
@@ -55,18 +55,18 @@ pub(super) enum Stage {
     /// For the arm to rest.
     Unsettled,
     /// For a usable frame, by its place in [`Task::frames`].
-    FrameUnseen(usize, Sight),
+    FrameMissing(usize, FrameStatus),
     /// For the arm to move.
     Ready,
     /// For the arm to rest again: a demonstration is under way.
-    Showing,
+    Recording,
 }
 
 #[derive(Debug)]
 enum Phase {
     Unsettled,
     Ready,
-    Showing(Box<Take>),
+    Recording(Box<Recording>),
 }
 
 /// The state machine. It is fed with samples whose times grow, and knows no clock.
@@ -96,28 +96,28 @@ impl Recorder {
     pub(super) fn stage(&self) -> Stage {
         match self.phase {
             Phase::Unsettled => Stage::Unsettled,
-            Phase::Showing(_) => Stage::Showing,
-            Phase::Ready => match self.unseen() {
-                Some((i, _, sight)) => Stage::FrameUnseen(i, sight),
+            Phase::Recording(_) => Stage::Recording,
+            Phase::Ready => match self.missing() {
+                Some((i, _, status)) => Stage::FrameMissing(i, status),
                 None => Stage::Ready,
             },
         }
     }
 
     /// The first frame that is needed and cannot be used: its place, its name, and why.
-    fn unseen(&self) -> Option<(usize, &str, Sight)> {
+    fn missing(&self) -> Option<(usize, &str, FrameStatus)> {
         let frames = self.task.frames().zip(self.frames).enumerate();
         let required = self.task.required_frames.len();
-        let mut unseen = frames.filter(|(i, (_, sight))| match sight {
-            Sight::Seen(_) => false,
-            Sight::Absent => *i < required,
+        let mut missing = frames.filter(|(i, (_, status))| match status {
+            FrameStatus::Usable(_) => false,
+            FrameStatus::Absent => *i < required,
             _ => true,
         });
-        unseen.next().map(|(i, (name, sight))| (i, name.as_str(), sight))
+        missing.next().map(|(i, (name, status))| (i, name.as_str(), status))
     }
 
-    /// Takes in where the tool was at `time_ns` [ns], later than the sample before, and what was
-    /// seen of the frames; `skipped` states are missing before it.
+    /// Handles where the tool was at `time_ns` [ns], later than the sample before, and what is
+    /// known of the frames; `skipped` states are missing before it.
     pub(super) fn observe(
         &mut self,
         time_ns: u64,
@@ -144,18 +144,18 @@ impl Recorder {
                 None
             }
             Phase::Ready => moves.then(|| self.begin()),
-            Phase::Showing(take) => {
-                take.samples.push(sample);
-                take.skipped += skipped;
-                for (unseen_ns, sight) in take.unseen_ns.iter_mut().zip(frames) {
-                    if sight.pose().is_none() {
-                        *unseen_ns += elapsed_ns;
+            Phase::Recording(recording) => {
+                recording.samples.push(sample);
+                recording.skipped += skipped;
+                for (missing_ns, status) in recording.missing_ns.iter_mut().zip(frames) {
+                    if status.pose().is_none() {
+                        *missing_ns += elapsed_ns;
                     }
                 }
-                if moves && let Some(moved) = moved_frame(take, frames, &self.task) {
+                if moves && let Some(moved) = moved_frame(recording, frames, &self.task) {
                     return self.interrupt(&moved);
                 }
-                if time_ns - take.samples[0].time_ns > DURATION_MAX_NS {
+                if time_ns - recording.samples[0].time_ns > DURATION_MAX_NS {
                     let minutes = DURATION_MAX_NS / 60_000_000_000;
                     return self.interrupt(&format!("it takes longer than {minutes} minutes"));
                 }
@@ -169,7 +169,7 @@ impl Recorder {
         self.recent.clear();
         self.rests_since = None;
         match std::mem::replace(&mut self.phase, Phase::Unsettled) {
-            Phase::Showing(_) => Some(Event::Refused(why.into())),
+            Phase::Recording(_) => Some(Event::Refused(why.into())),
             Phase::Unsettled | Phase::Ready => None,
         }
     }
@@ -190,36 +190,38 @@ impl Recorder {
 
     /// The arm begins to move.
     fn begin(&mut self) -> Event {
-        if let Some((_, name, sight)) = self.unseen() {
-            let why = format!("the arm moves, but frame `{name}` {sight}");
+        if let Some((_, name, status)) = self.missing() {
+            let why = format!("the arm moves, but frame `{name}` {status}");
             self.phase = Phase::Unsettled;
             return Event::Refused(why);
         }
-        let frames = self.frames.map(Sight::pose);
-        let take = Take {
+        let frames = self.frames.map(FrameStatus::pose);
+        let recording = Recording {
             samples: self.recent.iter().copied().collect(),
             frames,
-            unseen_ns: [0; FRAME_CAPACITY],
+            missing_ns: [0; FRAME_CAPACITY],
             skipped: 0,
         };
-        self.phase = Phase::Showing(Box::new(take));
-        // What is needed is seen, so that only a start frame can be missing.
+        self.phase = Phase::Recording(Box::new(recording));
+        // What is needed is there, so that only a start frame can be missing.
         Event::Begun { tool_as_start: frames[..self.task.frames().count()].contains(&None) }
     }
 
     /// Ends the demonstration under way.
     fn finish(&mut self, next: Phase) -> Option<Event> {
-        let Phase::Showing(take) = std::mem::replace(&mut self.phase, next) else { return None };
-        Some(match take.finish(&self.task) {
-            Ok(shown) => Event::Shown(Box::new(shown)),
+        let Phase::Recording(recording) = std::mem::replace(&mut self.phase, next) else {
+            return None;
+        };
+        Some(match recording.finish(&self.task) {
+            Ok(recorded) => Event::Recorded(Box::new(recorded)),
             Err(why) => Event::Refused(why),
         })
     }
 }
 
 /// Says which frame is no longer where it was when the motion began.
-fn moved_frame(take: &Take, frames: Frames, task: &Task) -> Option<String> {
-    task.frames().zip(take.frames).zip(frames).find_map(|((name, before), now)| {
+fn moved_frame(recording: &Recording, frames: Frames, task: &Task) -> Option<String> {
+    task.frames().zip(recording.frames).zip(frames).find_map(|((name, before), now)| {
         let (Some(before), Some(now)) = (before, now.pose()) else { return None };
         let (m, rad) = ((now.position - before.position).length(), angle(&before, &now));
         (m > FRAME_MOVED_M || rad > FRAME_MOVED_RAD).then(|| {
@@ -264,7 +266,7 @@ mod tests {
             Self::of(manifold, &["end"], Some("start"))
         }
 
-        /// All frames are seen: the goal's in its place, the others where the tool is.
+        /// All frames are usable: the goal's in its place, the others where the tool is.
         fn of(manifold: Manifold, required: &[&str], start_frame: Option<&str>) -> Self {
             let task = Task {
                 skill: "made_up".into(),
@@ -275,8 +277,8 @@ mod tests {
             };
             let mut frames = NO_FRAMES;
             let count = task.frames().count();
-            frames[..count].fill(Sight::Seen(at(DVec3::ZERO)));
-            frames[END] = Sight::Seen(at(GOAL));
+            frames[..count].fill(FrameStatus::Usable(at(DVec3::ZERO)));
+            frames[END] = FrameStatus::Usable(at(GOAL));
             Self {
                 recorder: Recorder::new(task),
                 time_ns: 7_000_000_000,
@@ -289,8 +291,7 @@ mod tests {
         fn sample(&mut self, pose: Pose) {
             self.time_ns += STEP_NS;
             self.pose = pose;
-            let event = self.recorder.observe(self.time_ns, pose, self.frames, 0);
-            self.events.extend(event);
+            self.events.extend(self.recorder.observe(self.time_ns, pose, self.frames, 0));
         }
 
         fn rest(&mut self, duration_s: f64) {
@@ -310,20 +311,30 @@ mod tests {
             }
         }
 
-        fn shown(&self) -> Vec<&Shown> {
-            let shown = self.events.iter().filter_map(|event| match event {
-                Event::Shown(shown) => Some(&**shown),
+        /// With rest behind it.
+        fn demonstrate(&mut self, to: DVec3, duration_s: f64) {
+            self.go(to, duration_s, |_, _| {});
+            self.rest(1.2);
+        }
+
+        fn end(&mut self) {
+            self.events.extend(self.recorder.end());
+        }
+
+        fn recorded(&self) -> Vec<&Recorded> {
+            let recorded = |event| match event {
+                &Event::Recorded(ref recorded) => Some(&**recorded),
                 _ => None,
-            });
-            shown.collect()
+            };
+            self.events.iter().filter_map(recorded).collect()
         }
 
         fn refusals(&self) -> Vec<&str> {
-            let refusals = self.events.iter().filter_map(|event| match event {
-                Event::Refused(why) => Some(why.as_str()),
+            let refusal = |event| match event {
+                &Event::Refused(ref why) => Some(why.as_str()),
                 _ => None,
-            });
-            refusals.collect()
+            };
+            self.events.iter().filter_map(refusal).collect()
         }
     }
 
@@ -338,25 +349,28 @@ mod tests {
         bench.rest(1.2);
         assert_eq!(bench.recorder.stage(), Stage::Ready);
         bench.go(GOAL, 2.0, |_, _| {});
-        assert_eq!(bench.recorder.stage(), Stage::Showing);
+        assert_eq!(bench.recorder.stage(), Stage::Recording);
         bench.rest(1.2);
         assert_eq!(bench.recorder.stage(), Stage::Ready);
-        bench.go(DVec3::ZERO, 3.0, |_, _| {});
-        bench.rest(1.2);
-        let shown = bench.shown();
-        assert_eq!((shown.len(), bench.events.len()), (2, 4));
-        for (shown, (from, to, duration_s)) in
-            shown.iter().zip([(DVec3::ZERO, GOAL, 2.0), (GOAL, DVec3::ZERO, 3.0)])
+        bench.demonstrate(DVec3::ZERO, 3.0);
+        let recorded = bench.recorded();
+        assert_eq!((recorded.len(), bench.events.len()), (2, 4));
+        for (recorded, (from, to, duration_s)) in
+            recorded.iter().zip([(DVec3::ZERO, GOAL, 2.0), (GOAL, DVec3::ZERO, 3.0)])
         {
-            let poses = &shown.demonstration.poses;
+            let poses = &recorded.demonstration.poses;
             assert!((poses[0].position - from).length() < 1e-6);
             assert!((poses[poses.len() - 1].position - to).length() < 2.5e-4);
-            let shown_s = (poses.len() - 1) as f64 * 0.01;
-            assert!(shown_s > 0.85 * duration_s && shown_s < duration_s + 0.21, "{shown_s}");
+            let recorded_s = (poses.len() - 1) as f64 * 0.01;
+            assert!(
+                recorded_s > 0.85 * duration_s && recorded_s < duration_s + 0.21,
+                "{recorded_s}"
+            );
         }
         // The second one starts elsewhere than the frame that is published for it.
-        assert!(shown[0].notes.is_empty());
-        assert!(shown[1].notes[0].contains("away from frame `start`"), "{:?}", shown[1].notes);
+        assert!(recorded[0].notes.is_empty());
+        let notes = &recorded[1].notes;
+        assert!(notes[0].contains("away from frame `start`"), "{notes:?}");
     }
 
     #[test]
@@ -376,31 +390,29 @@ mod tests {
         bench.rest(1.2);
         bench.go(0.5 * GOAL, 1.0, |_, _| {});
         bench.rest(0.7);
-        bench.go(GOAL, 1.0, |_, _| {});
-        bench.rest(1.2);
-        assert_eq!(bench.shown().len(), 1);
-        assert!(bench.shown()[0].demonstration.poses.len() > 240);
+        bench.demonstrate(GOAL, 1.0);
+        assert_eq!(bench.recorded().len(), 1);
+        assert!(bench.recorded()[0].demonstration.poses.len() > 240);
     }
 
     #[test]
     fn a_start_frame_that_nobody_publishes_is_the_tool_at_the_start() {
         let mut bench = Bench::new(Manifold::R3S3);
         bench.pose.orientation = DQuat::from_rotation_y(0.7);
-        bench.frames[START] = Sight::Absent;
+        bench.frames[START] = FrameStatus::Absent;
         bench.rest(1.2);
         let from = bench.pose;
-        bench.go(GOAL, 2.0, |_, _| {});
-        bench.rest(1.2);
+        bench.demonstrate(GOAL, 2.0);
         assert!(matches!(bench.events[0], Event::Begun { tool_as_start: true }));
-        assert_eq!(bench.shown()[0].demonstration.start, from);
+        assert_eq!(bench.recorded()[0].demonstration.start, from);
     }
 
     #[test]
     fn a_motion_without_a_goal_is_refused_by_its_name_until_the_arm_rests_again() {
         for (start, goal, name) in [
-            (Sight::Seen(Pose::IDENTITY), Sight::Absent, "`end`"),
-            (Sight::Nothing, Sight::Nothing, "`end`"),
-            (Sight::Invalid, Sight::Seen(at(GOAL)), "`start`"),
+            (FrameStatus::Usable(Pose::IDENTITY), FrameStatus::Absent, "`end`"),
+            (FrameStatus::Nothing, FrameStatus::Nothing, "`end`"),
+            (FrameStatus::Invalid, FrameStatus::Usable(at(GOAL)), "`start`"),
         ] {
             let mut bench = Bench::new(Manifold::R3);
             let good = bench.frames;
@@ -408,7 +420,7 @@ mod tests {
             bench.rest(1.2);
             assert!(matches!(
                 bench.recorder.stage(),
-                Stage::FrameUnseen(END, _) | Stage::FrameUnseen(START, Sight::Invalid)
+                Stage::FrameMissing(END, _) | Stage::FrameMissing(START, FrameStatus::Invalid)
             ));
             bench.go(GOAL, 2.0, |bench, t| {
                 if t > 0.5 {
@@ -418,10 +430,9 @@ mod tests {
             bench.rest(1.2);
             assert_eq!(bench.refusals().len(), 1);
             assert!(bench.refusals()[0].contains(name), "{:?}", bench.refusals());
-            assert!(bench.shown().is_empty());
-            bench.go(DVec3::ZERO, 2.0, |_, _| {});
-            bench.rest(1.2);
-            assert_eq!(bench.shown().len(), 1);
+            assert!(bench.recorded().is_empty());
+            bench.demonstrate(DVec3::ZERO, 2.0);
+            assert_eq!(bench.recorded().len(), 1);
         }
     }
 
@@ -430,7 +441,7 @@ mod tests {
         let mut bench = Bench::new(Manifold::R3S3);
         bench.rest(1.2);
         bench.go(GOAL, 2.0, |bench, t| {
-            bench.frames[END] = Sight::Seen(at(GOAL + DVec3::new(0.0, 0.1 * t, 0.0)));
+            bench.frames[END] = FrameStatus::Usable(at(GOAL + DVec3::new(0.0, 0.1 * t, 0.0)));
         });
         bench.rest(1.2);
         assert_eq!(bench.refusals().len(), 1);
@@ -438,66 +449,64 @@ mod tests {
         bench.go(DVec3::ZERO, 2.0, |bench, _| {
             // Noise of a camera.
             let side = if bench.time_ns % (2 * STEP_NS) == 0 { 1e-3 } else { 0.0 };
-            bench.frames[END] = Sight::Seen(at(GOAL + DVec3::new(side, 0.0, 0.0)));
+            bench.frames[END] = FrameStatus::Usable(at(GOAL + DVec3::new(side, 0.0, 0.0)));
         });
         // While the arm rests the object is put elsewhere.
         bench.rest(0.3);
-        bench.frames[END] = Sight::Seen(at(2.0 * GOAL));
+        bench.frames[END] = FrameStatus::Usable(at(2.0 * GOAL));
         bench.rest(1.0);
-        assert_eq!((bench.refusals().len(), bench.shown().len()), (1, 1));
-        bench.frames[START] = Sight::Seen(at(DVec3::ZERO));
+        assert_eq!((bench.refusals().len(), bench.recorded().len()), (1, 1));
+        bench.frames[START] = FrameStatus::Usable(at(DVec3::ZERO));
         bench.go(GOAL, 2.0, |bench, t| {
-            let turn = DQuat::from_rotation_z(0.1 * t);
-            bench.frames[START] = Sight::Seen(Pose { orientation: turn, ..Pose::IDENTITY });
+            let orientation = DQuat::from_rotation_z(0.1 * t);
+            bench.frames[START] = FrameStatus::Usable(Pose { orientation, ..Pose::IDENTITY });
         });
         assert!(bench.refusals()[1].contains("`start` moved by"), "{:?}", bench.refusals());
     }
 
     #[test]
-    fn further_frames_have_to_be_seen_and_to_rest_like_the_goal() {
+    fn further_frames_have_to_be_there_and_to_rest_like_the_goal() {
         let mut bench = Bench::of(Manifold::R3, &["end", "box", "shelf"], Some("start"));
         let good = bench.frames;
-        bench.frames[1] = Sight::Absent;
+        bench.frames[1] = FrameStatus::Absent;
         bench.rest(1.2);
-        assert_eq!(bench.recorder.stage(), Stage::FrameUnseen(1, Sight::Absent));
-        bench.go(GOAL, 2.0, |_, _| {});
-        bench.rest(1.2);
+        assert_eq!(bench.recorder.stage(), Stage::FrameMissing(1, FrameStatus::Absent));
+        bench.demonstrate(GOAL, 2.0);
         bench.frames = good;
         bench.go(DVec3::ZERO, 2.0, |bench, t| {
-            bench.frames[2] = Sight::Seen(at(DVec3::new(0.0, 0.1 * t, 0.0)));
+            bench.frames[2] = FrameStatus::Usable(at(DVec3::new(0.0, 0.1 * t, 0.0)));
         });
         bench.rest(1.2);
         let [absent, moved] = bench.refusals()[..] else { panic!("{:?}", bench.refusals()) };
         assert!(absent.contains("frame `box` is not among"), "{absent}");
         assert!(moved.contains("frame `shelf` moved by"), "{moved}");
-        assert!(bench.shown().is_empty());
+        assert!(bench.recorded().is_empty());
 
         bench.frames = good;
-        bench.frames[2] = Sight::Seen(at(2.0 * GOAL));
-        bench.frames[3] = Sight::Absent;
+        bench.frames[2] = FrameStatus::Usable(at(2.0 * GOAL));
+        bench.frames[3] = FrameStatus::Absent;
         bench.go(GOAL, 2.0, |bench, t| {
-            bench.frames[1] = if t > 0.5 && t <= 0.75 { Sight::Stale } else { good[1] };
+            bench.frames[1] = if t > 0.5 && t <= 0.75 { FrameStatus::Stale } else { good[1] };
         });
         bench.rest(1.2);
         assert!(matches!(bench.events[3], Event::Begun { tool_as_start: true }));
-        let Shown { demonstration, notes } = bench.shown()[0];
+        let Recorded { demonstration, notes } = bench.recorded()[0];
         assert_eq!(demonstration.goal_frame, at(GOAL));
         let others = [("box".to_owned(), at(DVec3::ZERO)), ("shelf".to_owned(), at(2.0 * GOAL))];
         assert_eq!(demonstration.other_frames, others.into());
         assert_eq!(demonstration.start, demonstration.poses[0]);
-        assert!(notes.len() == 1 && notes[0].contains("`box` was out of sight"), "{notes:?}");
+        assert!(notes.len() == 1 && notes[0].contains("`box` was out of status"), "{notes:?}");
     }
 
     #[test]
     fn a_skill_of_one_frame_waits_for_no_start_frame() {
         let mut bench = Bench::of(Manifold::R3S3, &["end"], None);
-        assert_eq!(bench.frames[START], Sight::Nothing);
+        assert_eq!(bench.frames[START], FrameStatus::Nothing);
         bench.rest(1.2);
         assert_eq!(bench.recorder.stage(), Stage::Ready);
-        bench.go(0.9 * GOAL, 2.0, |_, _| {});
-        bench.rest(1.2);
+        bench.demonstrate(0.9 * GOAL, 2.0);
         assert!(matches!(bench.events[0], Event::Begun { tool_as_start: false }));
-        let Shown { demonstration, notes } = bench.shown()[0];
+        let Recorded { demonstration, notes } = bench.recorded()[0];
         assert_eq!((demonstration.start, demonstration.goal_frame), (at(GOAL), at(GOAL)));
         assert!(notes.is_empty(), "{notes:?}");
     }
@@ -508,11 +517,11 @@ mod tests {
         bench.rest(1.2);
         let goal = bench.frames[END];
         bench.go(GOAL, 2.0, |bench, t| {
-            bench.frames[END] = if t > 0.5 && t <= 0.75 { Sight::Invalid } else { goal };
+            bench.frames[END] = if t > 0.5 && t <= 0.75 { FrameStatus::Invalid } else { goal };
         });
         bench.rest(1.2);
-        let notes = &bench.shown()[0].notes;
-        assert!(notes.len() == 1 && notes[0].contains("out of sight for 0.50 s"), "{notes:?}");
+        let notes = &bench.recorded()[0].notes;
+        assert!(notes.len() == 1 && notes[0].contains("out of status for 0.50 s"), "{notes:?}");
     }
 
     #[test]
@@ -523,35 +532,32 @@ mod tests {
         bench.rest(1.3);
         bench.go(GOAL, 1.0, |bench, t| {
             if t == 0.5 {
-                let event = bench.recorder.interrupt("a reason");
-                bench.events.extend(event);
+                bench.events.extend(bench.recorder.interrupt("a reason"));
             }
         });
         bench.rest(1.2);
         assert_eq!(bench.refusals(), ["a reason"]);
-        assert!(bench.shown().is_empty());
+        assert!(bench.recorded().is_empty());
         assert_eq!(bench.recorder.stage(), Stage::Ready);
     }
 
     #[test]
-    fn the_end_keeps_what_was_shown_and_no_nudge() {
+    fn the_end_keeps_what_was_recorded_and_no_nudge() {
         let mut bench = Bench::new(Manifold::R3);
         assert!(bench.recorder.end().is_none());
         bench.rest(1.3);
         bench.go(GOAL, 2.0, |bench, t| {
             if t == 0.5 {
-                let event = bench.recorder.end();
-                bench.events.extend(event);
+                bench.end();
             }
         });
-        let poses = &bench.shown()[0].demonstration.poses;
+        let poses = &bench.recorded()[0].demonstration.poses;
         assert!((poses[poses.len() - 1].position - 0.5 * GOAL).length() < 0.02);
         bench.rest(1.3);
         bench.go(GOAL + DVec3::new(0.003, 0.0, 0.0), 0.1, |_, _| {});
-        assert_eq!(bench.recorder.stage(), Stage::Showing);
+        assert_eq!(bench.recorder.stage(), Stage::Recording);
         bench.events.clear();
-        let event = bench.recorder.end();
-        bench.events.extend(event);
+        bench.end();
         assert!(bench.refusals()[0].contains("moved by 3.0 mm"), "{:?}", bench.refusals());
     }
 
@@ -583,20 +589,19 @@ mod tests {
                         bench.recorder.interrupt("accident");
                     }
                     bench.frames[END] = match accident {
-                        1 => Sight::Stale,
-                        2 => Sight::Seen(at(GOAL * t)),
-                        _ => Sight::Seen(at(GOAL)),
+                        1 => FrameStatus::Stale,
+                        2 => FrameStatus::Usable(at(GOAL * t)),
+                        _ => FrameStatus::Usable(at(GOAL)),
                     };
                 });
-                bench.frames[END] = Sight::Seen(at(GOAL));
+                bench.frames[END] = FrameStatus::Usable(at(GOAL));
                 bench.rest(rest_s);
             }
-            let event = bench.recorder.end();
-            bench.events.extend(event);
+            bench.end();
             let begun = bench.events.iter().filter(|e| matches!(e, Event::Begun { .. })).count();
-            prop_assert!(bench.shown().len() <= begun);
-            for shown in bench.shown() {
-                let poses = &shown.demonstration.poses;
+            prop_assert!(bench.recorded().len() <= begun);
+            for recorded in bench.recorded() {
+                let poses = &recorded.demonstration.poses;
                 prop_assert!(poses.len() >= crate::demonstration::POINTS_MIN);
                 prop_assert!(poses.iter().all(|p| p.position.is_finite()));
                 let step = (poses[1].position - poses[0].position).length();

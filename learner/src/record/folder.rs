@@ -22,7 +22,7 @@ pub(super) struct Folder {
 }
 
 impl Folder {
-    /// Makes the folder where it is missing, and tries it: what is shown later must not be lost.
+    /// Makes the folder where it is missing, and tries it: what is recorded later must not be lost.
     pub(super) fn open(path: &Path) -> Result<Self, FileError> {
         let failed = |path: &Path, source| FileError::Write { path: path.into(), source };
         fs::create_dir_all(path).map_err(|source| failed(path, source))?;

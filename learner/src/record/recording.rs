@@ -13,21 +13,21 @@ use crate::skill::Skill;
 const MARGIN_NS: u64 = 100_000_000;
 /// The tool rests while it is this near to where it began or ended [m].
 const SETTLED_M: f64 = 2e-4;
-/// … and turned by no more than this [rad].
+/// … and rotated by no more than this [rad].
 const SETTLED_RAD: f64 = 1e-3;
 /// A tool that went no farther than this [m] …
 const MOVED_MIN_M: f64 = 0.01;
-/// … and turned no farther than this has been nudged, not moved [rad].
+/// … and rotated no farther than this has been nudged, not moved [rad].
 const MOVED_MIN_RAD: f64 = 0.1;
 /// A start frame farther than this from where the tool starts is worth a word [m].
 const START_DISTANCE_MAX_M: f64 = 0.02;
 
-/// What is shown, and how it is stored.
+/// What is recorded, and how it is stored.
 #[derive(Debug, Clone)]
 pub(super) struct Task {
     pub(super) skill: String,
     pub(super) manifold: Manifold,
-    /// Frames that have to be seen: the goal frame, then the further ones.
+    /// Frames that have to be usable: the goal frame, then the further ones.
     pub(super) required_frames: Vec<String>,
     /// The start frame, where it is another than the goal frame. The tool's pose can serve as such.
     pub(super) start_frame: Option<String>,
@@ -47,19 +47,19 @@ impl Task {
         }
     }
 
-    /// The names of all frames: those that have to be seen, then the start frame.
+    /// The names of all frames: those that have to be usable, then the start frame.
     pub(super) fn frames(&self) -> impl Iterator<Item = &String> {
         self.required_frames.iter().chain(&self.start_frame)
     }
 
     /// How far two poses are apart, by what the skill moves [m], [rad].
     pub(super) fn apart(&self, a: &Pose, b: &Pose) -> (f64, f64) {
-        let mut way = b.position - a.position;
+        let mut displacement = b.position - a.position;
         if self.manifold == Manifold::R2 {
-            way.z = 0.0;
+            displacement.z = 0.0;
         }
-        let turn = if self.manifold.has_orientation() { angle(a, b) } else { 0.0 };
-        (way.length(), turn)
+        let rotation = if self.manifold.has_orientation() { angle(a, b) } else { 0.0 };
+        (displacement.length(), rotation)
     }
 
     /// A tool's pose in the place of a start frame.
@@ -67,10 +67,10 @@ impl Task {
         let mut frame = *tool;
         if self.manifold == Manifold::R2 {
             frame.position.z = 0.0;
-            // The turn about z; none for a tool that points down.
-            let twist = DQuat::from_xyzw(0.0, 0.0, tool.orientation.z, tool.orientation.w);
-            let turned = twist.length() > SETTLED_RAD;
-            frame.orientation = if turned { twist.normalize() } else { DQuat::IDENTITY };
+            // The rotation about z; none for a tool that points down.
+            let about_z = DQuat::from_xyzw(0.0, 0.0, tool.orientation.z, tool.orientation.w);
+            let is_defined = about_z.length() > SETTLED_RAD;
+            frame.orientation = if is_defined { about_z.normalize() } else { DQuat::IDENTITY };
         }
         frame
     }
@@ -87,53 +87,53 @@ pub(super) struct Sample {
 
 /// One motion, from rest to rest.
 #[derive(Debug)]
-pub(super) struct Take {
+pub(super) struct Recording {
     /// In order of time, with some rest before and after.
     pub(super) samples: Vec<Sample>,
     /// The frames, in the order of [`Task::frames`], as they were when the motion began; the start
     /// frame only where one is published.
     pub(super) frames: [Option<Pose>; FRAME_CAPACITY],
-    /// How long each of them was not seen [ns].
-    pub(super) unseen_ns: [u64; FRAME_CAPACITY],
+    /// How long each of them was not usable [ns].
+    pub(super) missing_ns: [u64; FRAME_CAPACITY],
     /// Sequence numbers of states that never came.
     pub(super) skipped: u64,
 }
 
 /// A finished demonstration; it has no file name yet.
 #[derive(Debug)]
-pub(super) struct Shown {
+pub(super) struct Recorded {
     pub(super) demonstration: Demonstration,
     /// What the user should know.
     pub(super) notes: Vec<String>,
 }
 
-impl Shown {
-    /// How much was shown.
+impl Recorded {
+    /// How much was recorded.
     pub(super) fn summary(&self) -> String {
-        let shown = &self.demonstration;
-        let pairs = shown.poses.windows(2);
+        let recorded = &self.demonstration;
+        let pairs = recorded.poses.windows(2);
         let path_m: f64 = pairs.map(|p| (p[1].position - p[0].position).length()).sum();
-        let count = shown.poses.len();
-        let duration_s = (count - 1) as f64 * shown.sampling_time_s;
+        let count = recorded.poses.len();
+        let duration_s = (count - 1) as f64 * recorded.sampling_time_s;
         format!("{count} samples, {duration_s:.2} s, path {path_m:.3} m")
     }
 }
 
-impl Take {
+impl Recording {
     /// The demonstration; what is missing for one, when there is none.
-    pub(super) fn finish(self, task: &Task) -> Result<Shown, String> {
+    pub(super) fn finish(self, task: &Task) -> Result<Recorded, String> {
         let samples = &self.samples[..];
         let first = samples.first().ok_or("it has no samples")?.pose;
-        let (mut way, mut turn) = (0.0_f64, 0.0_f64);
+        let (mut distance, mut rotation) = (0.0_f64, 0.0_f64);
         for sample in samples {
             let (m, rad) = task.apart(&first, &sample.pose);
-            (way, turn) = (way.max(m), turn.max(rad));
+            (distance, rotation) = (distance.max(m), rotation.max(rad));
         }
-        if way < MOVED_MIN_M && turn < MOVED_MIN_RAD {
+        if distance < MOVED_MIN_M && rotation < MOVED_MIN_RAD {
             return Err(format!(
                 "the tool moved by {:.1} mm and {:.1}° only",
-                way * 1e3,
-                turn.to_degrees()
+                distance * 1e3,
+                rotation.to_degrees()
             ));
         }
         let mut poses = resample(cut(samples, task), task.sampling_time_s);
@@ -144,7 +144,7 @@ impl Take {
             ));
         }
         let mut required = task.required_frames.iter().zip(self.frames).map(|(name, frame)| {
-            (name.clone(), frame.expect("a motion begins when the required frames are seen"))
+            (name.clone(), frame.expect("a motion begins when the required frames are usable"))
         });
         let (_, goal_frame) = required.next().expect("the goal frame is required");
         let other_frames = required.collect();
@@ -176,7 +176,7 @@ impl Take {
             other_frames,
             poses,
         };
-        Ok(Shown { demonstration, notes })
+        Ok(Recorded { demonstration, notes })
     }
 
     fn notes(&self, task: &Task, start_distance_m: f64) -> Vec<String> {
@@ -188,11 +188,11 @@ impl Take {
                 "the tool starts {start_distance_m:.3} m away from frame `{name}`, as published"
             ));
         }
-        for (name, unseen_ns) in task.required_frames.iter().zip(self.unseen_ns) {
-            if unseen_ns > 0 {
+        for (name, missing_ns) in task.required_frames.iter().zip(self.missing_ns) {
+            if missing_ns > 0 {
                 notes.push(format!(
                     "frame `{name}` was out of sight for {:.2} s; it was taken to rest",
-                    unseen_ns as f64 * 1e-9
+                    missing_ns as f64 * 1e-9
                 ));
             }
         }
@@ -221,7 +221,7 @@ fn cut<'a>(samples: &'a [Sample], task: &Task) -> &'a [Sample] {
 }
 
 /// Poses at even times from the first sample on, as far as the samples go: on straight lines and
-/// turning at constant speed in between. Neighbouring quaternions are on one side of the sphere.
+/// at a constant angular velocity in between. Neighbouring quaternions are on one side of the sphere.
 fn resample(samples: &[Sample], sampling_time_s: f64) -> Vec<Pose> {
     let [first, .., last] = samples else { return samples.iter().map(|s| s.pose).collect() };
     let step_ns = (sampling_time_s * 1e9).round() as u64;
@@ -235,8 +235,9 @@ fn resample(samples: &[Sample], sampling_time_s: f64) -> Vec<Pose> {
         let fraction = (time_ns - a.time_ns) as f64 / (b.time_ns - a.time_ns) as f64;
         let position = a.pose.position.lerp(b.pose.position, fraction);
         let orientation = a.pose.orientation.slerp(b.pose.orientation, fraction).normalize();
-        let turned = poses.last().is_some_and(|before| before.orientation.dot(orientation) < 0.0);
-        poses.push(Pose { position, orientation: if turned { -orientation } else { orientation } });
+        let far_side = poses.last().is_some_and(|before| before.orientation.dot(orientation) < 0.0);
+        let orientation = if far_side { -orientation } else { orientation };
+        poses.push(Pose { position, orientation });
     }
     poses
 }
@@ -257,7 +258,7 @@ mod tests {
         }
     }
 
-    /// At rest for 0.5 s, two seconds of smooth motion and turn, at rest for 0.8 s.
+    /// At rest for 0.5 s, two seconds of smooth motion, at rest for 0.8 s.
     fn at(time_s: f64) -> Pose {
         let t = ((time_s - 0.5) / 2.0).clamp(0.0, 1.0);
         let s = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t);
@@ -267,9 +268,9 @@ mod tests {
         }
     }
 
-    fn take(times_ns: impl Iterator<Item = u64>) -> Take {
+    fn recording(times_ns: impl Iterator<Item = u64>) -> Recording {
         let pose = |ns| at(ns as f64 * 1e-9);
-        Take {
+        Recording {
             // Every other quaternion is on the other side of the sphere.
             samples: times_ns
                 .enumerate()
@@ -280,7 +281,7 @@ mod tests {
                 })
                 .collect(),
             frames: std::array::from_fn(|i| (i == 0).then(|| at(3.0))),
-            unseen_ns: [0; FRAME_CAPACITY],
+            missing_ns: [0; FRAME_CAPACITY],
             skipped: 0,
         }
     }
@@ -288,28 +289,28 @@ mod tests {
     #[test]
     fn rest_is_cut_to_its_margin_and_the_ends_are_where_the_tool_rested() {
         let task = task(Manifold::R3S3);
-        let shown = take((0..3300).map(|i| i * 1_000_000)).finish(&task).unwrap();
-        assert!(shown.notes.is_empty());
-        let poses = &shown.demonstration.poses;
+        let recorded = recording((0..3300).map(|i| i * 1_000_000)).finish(&task).unwrap();
+        assert!(recorded.notes.is_empty());
+        let poses = &recorded.demonstration.poses;
         // Smooth motion is within a fraction of a millimetre for its first and last 0.1 s or so.
         assert!((190..=222).contains(&poses.len()), "{}", poses.len());
         assert_eq!(poses[0], at(0.0));
-        assert_eq!(shown.demonstration.start, poses[0]);
+        assert_eq!(recorded.demonstration.start, poses[0]);
         let (m, rad) = task.apart(&poses[poses.len() - 1], &at(3.3));
         assert!(m <= SETTLED_M && rad <= SETTLED_RAD, "{m} m, {rad} rad");
         assert!(poses.windows(2).all(|p| p[0].orientation.dot(p[1].orientation) > 0.0));
-        assert!(shown.summary().contains("path 0.4"), "{}", shown.summary());
+        assert!(recorded.summary().contains("path 0.4"), "{}", recorded.summary());
     }
 
     #[test]
     fn a_planar_skill_keeps_the_plane_only() {
         let task = task(Manifold::R2);
-        let take = take((0..3300).map(|i| i * 1_000_000));
-        let shown = take.finish(&task).unwrap().demonstration;
-        assert!(shown.poses.iter().all(|p| p.position.z == 0.0));
-        assert!(shown.poses.iter().all(|p| p.orientation == DQuat::IDENTITY));
-        assert_eq!(shown.start.position.z, 0.0);
-        assert_eq!(shown.start.orientation.x.hypot(shown.start.orientation.y), 0.0);
+        let recording = recording((0..3300).map(|i| i * 1_000_000));
+        let recorded = recording.finish(&task).unwrap().demonstration;
+        assert!(recorded.poses.iter().all(|p| p.position.z == 0.0));
+        assert!(recorded.poses.iter().all(|p| p.orientation == DQuat::IDENTITY));
+        assert_eq!(recorded.start.position.z, 0.0);
+        assert_eq!(recorded.start.orientation.x.hypot(recorded.start.orientation.y), 0.0);
         let down = Pose { orientation: DQuat::from_rotation_x(std::f64::consts::PI), ..at(0.0) };
         assert_eq!(task.as_frame(&down).orientation, DQuat::IDENTITY);
     }
@@ -319,10 +320,10 @@ mod tests {
         let mut task = task(Manifold::R3S3);
         task.start_frame = None;
         task.required_frames.push("box".into());
-        let mut take = take((0..3300).map(|i| i * 1_000_000));
-        take.frames[1] = Some(at(1.0));
-        take.unseen_ns[1] = 250_000_000;
-        let Shown { demonstration, notes } = take.finish(&task).unwrap();
+        let mut recording = recording((0..3300).map(|i| i * 1_000_000));
+        recording.frames[1] = Some(at(1.0));
+        recording.missing_ns[1] = 250_000_000;
+        let Recorded { demonstration, notes } = recording.finish(&task).unwrap();
         assert_eq!((demonstration.start, demonstration.goal_frame), (at(3.0), at(3.0)));
         assert_eq!(demonstration.other_frames, [("box".to_owned(), at(1.0))].into());
         // It starts far from the goal frame, as it should.
@@ -332,11 +333,11 @@ mod tests {
     #[test]
     fn a_nudge_and_a_glimpse_are_no_demonstrations() {
         let task = task(Manifold::R3);
-        let nudge = take((0..700).map(|i| i * 1_000_000)).finish(&task).unwrap_err();
+        let nudge = recording((0..700).map(|i| i * 1_000_000)).finish(&task).unwrap_err();
         assert!(nudge.contains("moved by"), "{nudge}");
-        let glimpse = take((1200..1260).map(|i| i * 1_000_000)).finish(&task).unwrap_err();
+        let glimpse = recording((1200..1260).map(|i| i * 1_000_000)).finish(&task).unwrap_err();
         assert!(glimpse.contains("at least 10"), "{glimpse}");
-        assert!(take(std::iter::empty()).finish(&task).is_err());
+        assert!(recording(std::iter::empty()).finish(&task).is_err());
     }
 
     proptest! {
@@ -352,14 +353,14 @@ mod tests {
                 .map(|step| { time_ns += step; time_ns })
                 .filter(|ns| *ns < 3_300_000_000)
                 .collect();
-            let take = take(times.into_iter());
+            let recording = recording(times.into_iter());
             let mut task = task(Manifold::R3S3);
             task.sampling_time_s = sampling_time_s;
-            let begin_s = cut(&take.samples, &task)[0].time_ns as f64 * 1e-9;
-            let last_s = take.samples[take.samples.len() - 1].time_ns as f64 * 1e-9;
-            let shown = take.finish(&task).unwrap().demonstration;
-            prop_assert!(shown.poses.len() >= POINTS_MIN);
-            for (k, pose) in shown.poses.iter().enumerate() {
+            let begin_s = cut(&recording.samples, &task)[0].time_ns as f64 * 1e-9;
+            let last_s = recording.samples[recording.samples.len() - 1].time_ns as f64 * 1e-9;
+            let recorded = recording.finish(&task).unwrap().demonstration;
+            prop_assert!(recorded.poses.len() >= POINTS_MIN);
+            for (k, pose) in recorded.poses.iter().enumerate() {
                 let time_s = begin_s + k as f64 * sampling_time_s;
                 prop_assert!(time_s < last_s + 1e-6);
                 // Two samples are at most 20 ms apart: ⅛ (0.02 s)² × the largest acceleration.

@@ -1,0 +1,83 @@
+//! What people are told of a session, on standard error.
+
+use std::io::Write;
+use std::time::{Duration, Instant};
+
+use super::intake::{Fault, FrameStatus, FramesIntake};
+use super::recorder::Stage;
+use super::recording::Task;
+
+/// What is waited for is announced when it lasts so long.
+const PATIENCE: Duration = Duration::from_millis(300);
+
+/// Writes a line. Who no longer listens does not end the session.
+pub(super) fn announce(text: &str) {
+    let _ = writeln!(std::io::stderr(), "learner: {text}");
+}
+
+/// What the session waits for.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Status {
+    NoPublisher,
+    PublisherGone,
+    Fault(Fault),
+    Stage(Stage),
+}
+
+/// Announces what is waited for, once each time it changes and lasts.
+pub(super) struct Announcer {
+    instance: String,
+    /// Names of the frames, in their order.
+    frames: Vec<String>,
+    /// Newest status, and since when.
+    status: Option<(Status, Instant)>,
+    announced: Option<Status>,
+}
+
+impl Announcer {
+    pub(super) fn new(task: &Task, instance: &str) -> Self {
+        Self {
+            instance: instance.into(),
+            frames: task.frames().cloned().collect(),
+            status: None,
+            announced: None,
+        }
+    }
+
+    pub(super) fn update(&mut self, status: Status, frames: &FramesIntake) {
+        let since = match self.status {
+            Some((before, since)) if before == status => since,
+            _ => Instant::now(),
+        };
+        self.status = Some((status, since));
+        if self.announced != Some(status) && since.elapsed() >= PATIENCE {
+            self.announced = Some(status);
+            if let Some(text) = self.text(status, frames) {
+                announce(&text);
+            }
+        }
+    }
+
+    fn text(&self, status: Status, frames: &FramesIntake) -> Option<String> {
+        let frame = |name: &str, status: FrameStatus| {
+            let others = match status {
+                FrameStatus::Absent => format!(" (they are: {})", frames.published()),
+                _ => String::new(),
+            };
+            format!("waiting for frame `{name}`, which {status}{others}")
+        };
+        Some(match status {
+            Status::NoPublisher => {
+                format!("instance `{}`: waiting for a state of the robot", self.instance)
+            }
+            Status::PublisherGone => {
+                format!("the publisher is gone: waiting for it on instance `{}`", self.instance)
+            }
+            Status::Fault(fault) => format!("waiting for sound states: {fault}"),
+            Status::Stage(Stage::Unsettled) => "waiting for the arm to come to rest".into(),
+            Status::Stage(Stage::FrameMissing(i, status)) => frame(&self.frames[i], status),
+            Status::Stage(Stage::Ready) => "ready: waiting for the arm to move".into(),
+            Status::Stage(Stage::Recording) => return None,
+        })
+    }
+}
