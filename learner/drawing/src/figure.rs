@@ -3,7 +3,7 @@
 use glam::DVec2;
 
 use crate::colour::{GREY, INK, Scale};
-use crate::panel::{Anchor, BOTTOM, LEFT, Panel, Stroke, TOP, dash_array, dot, star, text};
+use crate::panel::{Anchor, BOTTOM, LEFT, Panel, Stroke, dash_array, dot, star, text};
 use crate::text::{escape, number};
 use crate::ticks::LETTER_PX;
 
@@ -92,14 +92,15 @@ impl Figure {
             for (panel, width) in row.iter().zip(&columns) {
                 // In the middle of its column, at the bottom of its row.
                 let room = DVec2::new(*width, height) - panel.outer();
-                svg += &panel.svg(DVec2::new(x + LEFT + 0.5 * room.x, y + TOP + room.y));
+                svg += &panel.svg(DVec2::new(x + LEFT + 0.5 * room.x, y + panel.top() + room.y));
                 x += width;
             }
             y += height;
         }
         if let Some(scale) = &self.bar {
-            let height = (panels.y - TOP - BOTTOM).min(BAR_HEIGHT_MAX);
-            svg += &bar_svg(scale, DVec2::new(MARGIN + panels.x + 26.0, top + TOP), height);
+            let above = self.rows.iter().flatten().next().map_or(0.0, Panel::top);
+            let height = (panels.y - above - BOTTOM).min(BAR_HEIGHT_MAX);
+            svg += &bar_svg(scale, DVec2::new(MARGIN + panels.x + 26.0, top + above), height);
         }
         svg + "</svg>\n"
     }

@@ -14,6 +14,7 @@ table { border-collapse: collapse; background: white; font-size: 14px; }
 td, th { border: 1px solid #d5dce2; padding: 3px 10px; text-align: left; vertical-align: top;
   font-variant-numeric: tabular-nums; }
 td.number { text-align: right; white-space: nowrap; }
+table:not(:has(th)) td.number { text-align: left; }
 .pass { color: #1b7a3a; font-weight: 600; } .fail { color: #c2291f; font-weight: 600; }
 .open { color: #8a6100; }
 .pictures { display: flex; flex-wrap: wrap; gap: 20px; align-items: flex-start; margin: 20px 0; }
@@ -131,8 +132,11 @@ impl Page {
     pub fn pictures<'a>(&mut self, pictures: impl IntoIterator<Item = &'a Picture>) {
         let figure = |picture: &Picture| {
             let (name, svg) = (escape(&picture.name).replace(' ', "-"), &picture.svg);
-            let caption = escape(&picture.caption);
-            format!("<figure id=\"{name}\">\n{svg}<figcaption>{caption}</figcaption>\n</figure>\n")
+            let caption = match picture.caption.as_str() {
+                "" => String::new(),
+                caption => format!("<figcaption>{}</figcaption>\n", escape(caption)),
+            };
+            format!("<figure id=\"{name}\">\n{svg}{caption}</figure>\n")
         };
         let figures: String = pictures.into_iter().map(figure).collect();
         if !figures.is_empty() {

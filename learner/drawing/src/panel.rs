@@ -11,7 +11,8 @@ const GRID: &str = "#e3e8ec";
 /// Room around the axes \[px\].
 pub(crate) const LEFT: f64 = 76.0;
 const RIGHT: f64 = 22.0;
-pub(crate) const TOP: f64 = 30.0;
+const TITLE: f64 = 30.0;
+const NO_TITLE: f64 = 16.0;
 pub(crate) const BOTTOM: f64 = 52.0;
 /// Points of a line that are nearer to each other are left out \[px\].
 const POINT_STEP_PX: f64 = 1.2;
@@ -320,9 +321,14 @@ impl Panel {
         kept
     }
 
+    /// Room above the axes \[px\].
+    pub(crate) fn top(&self) -> f64 {
+        if self.title.is_empty() { NO_TITLE } else { TITLE }
+    }
+
     /// With the room for title, ticks and labels \[px\].
     pub(crate) fn outer(&self) -> DVec2 {
-        self.size() + DVec2::new(LEFT + RIGHT, TOP + BOTTOM)
+        self.size() + DVec2::new(LEFT + RIGHT, self.top() + BOTTOM)
     }
 
     /// The SVG group, the upper left corner of the axes at a point \[px\].

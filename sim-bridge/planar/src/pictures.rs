@@ -12,7 +12,7 @@ use crate::scene::Scene;
 use crate::shape::PlanarPose;
 
 /// Longest side of a map, and size of a graph over time \[px\].
-const MAP_PX: f64 = 600.0;
+const MAP_PX: f64 = 550.0;
 const GRAPH_PX: DVec2 = DVec2::new(MAP_PX, 240.0);
 /// So often the obstacle is drawn, and how far apart in time \[s\].
 const SAMPLES: usize = 5;
