@@ -28,7 +28,7 @@ impl Grid {
         let [low, high] = panel.range();
         let inner = (panel.size() / CELL_PX).ceil().max(DVec2::splat(2.0));
         let cell = (high - low) / inner;
-        // One cell more on each side: contours close outside of what is shown.
+        // One cell more on each side: contours close outside of the panel.
         let count = [inner.x as usize + 2, inner.y as usize + 2];
         let low = low - cell;
         let at = |i: usize| {

@@ -7,7 +7,7 @@ use tprmp_spatial::Pose;
 use tprmp_spatial::rotation::rotation_vector;
 
 use super::field::{Arrows, Grid, lattice};
-use super::forces::{Forces, Share};
+use super::forces::{Contribution, Forces};
 use super::scene::{SAMPLE_S, Sample, Scene};
 use crate::demonstration::Demonstration;
 use crate::mixture::components::Choice;
@@ -18,7 +18,7 @@ use tprmp_drawing::{
 
 /// Standard deviations at which Gaussians are drawn.
 const DEVIATIONS: f64 = 2.0;
-/// Room around what is shown, and around the demonstrations of a field, in fractions of the longest
+/// Room around what is drawn, and around the demonstrations of a field, in fractions of the longest
 /// side.
 const MARGIN: f64 = 0.1;
 const FIELD_MARGIN: f64 = 0.18;
@@ -28,30 +28,33 @@ const STARTS_PX: [f64; 2] = [105.0, 75.0];
 const MOST: f64 = 0.5;
 /// Lengths of the shortest force that is drawn and of the longest [px].
 const FORCE_PX: [f64; 2] = [4.0, 70.0];
-/// How far from its path the point lies at which forces are drawn, in fractions of the way from start to
-/// end.
+/// How far from its path the point lies at which forces are drawn, in fractions of the distance from
+/// start to end.
 const ASIDE: f64 = 0.08;
-const DEMONSTRATION: Stroke = Stroke { colour: GREY, width: 1.3, dashes: "", rim: false };
-const DEMONSTRATION_ON_FIELD: Stroke =
-    Stroke { colour: BLACK, width: 1.2, dashes: "5 4", rim: false };
-const ROLLOUT: Stroke = Stroke { colour: RED, width: 2.0, dashes: "", rim: true };
-const ROLLOUT_FROM_LATTICE: Stroke = Stroke { colour: BLUE, width: 1.1, dashes: "", rim: true };
+/// Outline of a Gaussian on a field.
+const OUTLINE: &str = "#3c4650";
+const DEMONSTRATION: Stroke = Stroke::solid(GREY, 1.3);
+const DEMONSTRATION_ON_FIELD: Stroke = Stroke::dashed(BLACK, 1.2);
+const ROLLOUT: Stroke = Stroke::solid(RED, 2.0).rimmed();
+const ROLLOUT_FROM_LATTICE: Stroke = Stroke::solid(BLUE, 1.1).rimmed();
 
 /// Demonstrations and their frames, in the robot's base frame.
-pub fn demonstrations(
+pub(super) fn demonstrations(
     planar: bool,
-    shown: &[Demonstration],
+    demonstrations: &[Demonstration],
     frames: &[(&str, Vec<Pose>)],
 ) -> Figure {
-    let poses =
-        shown.iter().flat_map(|d| &d.poses).chain(frames.iter().flat_map(|(_, poses)| poses));
+    const PATH: Stroke = Stroke { colour: INK, ..DEMONSTRATION };
+    let poses = demonstrations.iter().flat_map(|d| &d.poses);
+    let poses = poses.chain(frames.iter().flat_map(|(_, poses)| poses));
     let canvas = Canvas::new(planar, poses.map(|pose| pose.position), MARGIN);
     let mut panels = canvas.panels(None);
     for (panel, view) in panels.iter_mut().zip(canvas.views) {
-        for d in shown {
-            panel.line(seen(*view, &d.poses), &Stroke { colour: INK, ..DEMONSTRATION });
+        let mut in_the_way: Vec<DVec2> = Vec::new();
+        for d in demonstrations {
+            panel.line(seen(*view, &d.poses), &PATH);
+            in_the_way.extend(seen(*view, &d.poses));
         }
-        let mut in_the_way: Vec<DVec2> = shown.iter().flat_map(|d| seen(*view, &d.poses)).collect();
         for frame in frames.iter().flat_map(|(_, poses)| poses) {
             canvas.frame(panel, *view, frame);
             in_the_way.extend(canvas.axes(*view, frame));
@@ -60,15 +63,13 @@ pub fn demonstrations(
             canvas.name(panel, *view, name, poses, &in_the_way);
         }
     }
-    let legend = [
-        ("demonstration", Sign::Line(Stroke { colour: INK, ..DEMONSTRATION })),
-        ("frame of a demonstration", canvas.frame_sign()),
-    ];
+    let legend =
+        [("demonstration", Sign::Line(PATH)), ("frame of a demonstration", canvas.frame_sign())];
     canvas.figure("Demonstrations".into(), &legend, panels, None)
 }
 
 /// Gaussians in canonical coordinates, with the demonstrations there.
-pub fn gaussians(
+pub(super) fn gaussians(
     planar: bool,
     frames: &[(&str, Pose)],
     demonstrations: &[Vec<Canonical>],
@@ -80,17 +81,17 @@ pub fn gaussians(
 }
 
 /// What a frame sees: the demonstrations, and the mixture in its coordinates.
-pub struct SeenFromFrame {
+pub(super) struct SeenFromFrame {
     /// Name of the frame.
-    pub name: String,
+    pub(super) name: String,
     /// Positions of each demonstration in the frame [m].
-    pub paths: Vec<Vec<DVec3>>,
+    pub(super) paths: Vec<Vec<DVec3>>,
     /// The mixture in the frame.
-    pub gaussians: Vec<Ellipsoid>,
+    pub(super) gaussians: Vec<Ellipsoid>,
 }
 
 /// Demonstrations and Gaussians seen from a frame  [thesis fig. 3.2b].
-pub fn seen_from(planar: bool, seen: &SeenFromFrame) -> Figure {
+pub(super) fn seen_from(planar: bool, seen: &SeenFromFrame) -> Figure {
     let title = format!("Seen from the frame “{}”", seen.name);
     mixture(planar, &title, &[(&seen.name, Pose::IDENTITY)], &seen.paths, &seen.gaussians)
 }
@@ -140,8 +141,8 @@ fn mixture(
     canvas.figure(title.into(), &legend, panels, bar)
 }
 
-/// The rollouts that the pictures of a scene show.
-pub struct Shown<'a> {
+/// Draws the figures of a scene, with the same rollouts in all of them.
+pub(super) struct SceneFigures<'a> {
     scene: &'a Scene<'a>,
     canvas: Canvas,
     /// From the demonstrated starts.
@@ -150,9 +151,9 @@ pub struct Shown<'a> {
     from_lattice: Vec<Vec<Vec<Pose>>>,
 }
 
-impl<'a> Shown<'a> {
+impl<'a> SceneFigures<'a> {
     /// Computes the rollouts from all demonstrated starts and from a lattice around.
-    pub fn new(scene: &'a Scene<'a>) -> Self {
+    pub(super) fn new(scene: &'a Scene<'a>) -> Self {
         let points = scene.demonstrations.iter().flatten().map(|pose| pose.position);
         let others = scene.frames.iter().map(|frame| frame.position);
         let others = others.chain([scene.goal.position]);
@@ -173,12 +174,12 @@ impl<'a> Shown<'a> {
     }
 
     /// The rollouts from the demonstrated starts.
-    pub fn rollouts(&self) -> &[Vec<Pose>] {
+    pub(super) fn rollouts(&self) -> &[Vec<Pose>] {
         &self.rollouts
     }
 
     /// A number as filled contours, with everything over it.
-    pub fn contours(
+    pub(super) fn contours(
         &self,
         title: &str,
         value: impl Fn(&Sample) -> f64,
@@ -196,7 +197,7 @@ impl<'a> Shown<'a> {
             }
             for g in &self.scene.gaussians {
                 let (mean, seen) = (view.point(g.mean), view.covariance(g.covariance));
-                panel.ellipse(mean, seen, DEVIATIONS, "#3c4650", 0.0);
+                panel.ellipse(mean, seen, DEVIATIONS, OUTLINE, 0.0);
             }
             for path in &self.from_lattice[i] {
                 panel.line(seen(*view, path), &ROLLOUT_FROM_LATTICE);
@@ -208,7 +209,7 @@ impl<'a> Shown<'a> {
             ("rollout from a demonstrated start", Sign::Line(ROLLOUT)),
             ("rollout from a lattice of starts", Sign::Line(ROLLOUT_FROM_LATTICE)),
             ("demonstration", Sign::Line(DEMONSTRATION_ON_FIELD)),
-            ("Gaussian, 2σ", Sign::Ellipse("#3c4650")),
+            ("Gaussian, 2σ", Sign::Ellipse(OUTLINE)),
             ("goal", Sign::Star),
             ("frame", self.canvas.frame_sign()),
         ];
@@ -216,7 +217,7 @@ impl<'a> Shown<'a> {
     }
 
     /// A vector as arrows in the slices, with one rollout.
-    pub fn arrows(&self, title: &str, label: &str, vector: impl Fn(&Sample) -> DVec3) -> Figure {
+    pub(super) fn arrows(&self, title: &str, label: &str, vector: impl Fn(&Sample) -> DVec3) -> Figure {
         let mut panels = self.canvas.panels(Some(self.scene.goal.position));
         let mut sample = self.scene.sampler();
         let fields = self.slices(&panels, |view, panel| {
@@ -240,7 +241,7 @@ impl<'a> Shown<'a> {
 
     /// Where each component weighs most, and its part in the force at a point beside the first
     /// demonstration  [thesis fig. 4.3b].
-    pub fn forces(&self, forces: &Forces) -> Figure {
+    pub(super) fn forces(&self, forces: &Forces) -> Figure {
         let mut panels = self.canvas.panels(None);
         let panel = &mut panels[0];
         let view = self.canvas.views[0];
@@ -251,15 +252,15 @@ impl<'a> Shown<'a> {
         }
         for g in &self.scene.gaussians {
             let (mean, seen) = (view.point(g.mean), view.covariance(g.covariance));
-            panel.ellipse(mean, seen, DEVIATIONS, "#3c4650", 0.0);
+            panel.ellipse(mean, seen, DEVIATIONS, OUTLINE, 0.0);
         }
         self.paths(panel, view, &[]);
         let state = beside(&self.scene.demonstrations[0]);
-        let shares = forces.shares(state);
-        let sum = |part: fn(&Share) -> DVec2| shares.iter().map(part).sum::<DVec2>();
-        let (attraction, nominal) = (sum(|s| s.attraction), sum(|s| s.nominal));
+        let contributions = forces.contributions(state);
+        let sum = |part: fn(&Contribution) -> DVec2| contributions.iter().map(part).sum::<DVec2>();
+        let (attraction, nominal) = (sum(|c| c.attraction), sum(|c| c.nominal));
         let at_state = [(attraction, BLUE), (nominal, RED), (attraction + nominal, BLACK)];
-        let all = shares.iter().flat_map(|s| [s.attraction, s.nominal]);
+        let all = contributions.iter().flat_map(|c| [c.attraction, c.nominal]);
         let largest = all.chain(at_state.map(|(force, _)| force)).map(DVec2::length);
         let pixels = FORCE_PX[1] / largest.fold(f64::MIN_POSITIVE, f64::max);
         let mut arrow = |from: DVec2, force: DVec2, colour: &str| {
@@ -268,21 +269,21 @@ impl<'a> Shown<'a> {
                 panel.arrow(from + vector * 0.5 / panel.scale(), vector, colour);
             }
         };
-        for fraction in &shares {
-            arrow(fraction.mean, fraction.attraction, BLUE);
-            arrow(fraction.mean, fraction.nominal, RED);
+        for contribution in &contributions {
+            arrow(contribution.mean, contribution.attraction, BLUE);
+            arrow(contribution.mean, contribution.nominal, RED);
         }
         for (force, colour) in at_state {
             arrow(state, force, colour);
         }
         panel.dot(state, 4.0, BLACK);
-        let line = |colour| Stroke { colour, width: 1.5, dashes: "", rim: false };
+        let line = |colour| Stroke::solid(colour, 1.5);
         let legend = [
             ("attraction −w∇φ", Sign::Line(line(BLUE))),
             ("nominal −φ∇w", Sign::Line(line(RED))),
             ("sum, at the point", Sign::Line(line(BLACK))),
             ("demonstration", Sign::Line(DEMONSTRATION_ON_FIELD)),
-            ("Gaussian, 2σ", Sign::Ellipse("#3c4650")),
+            ("Gaussian, 2σ", Sign::Ellipse(OUTLINE)),
             ("goal", Sign::Star),
         ];
         self.canvas.figure(
@@ -348,20 +349,20 @@ fn seen(view: View, path: &[Pose]) -> impl Iterator<Item = DVec2> {
 }
 
 /// A Gaussian of the orientation chart: phase, mean and standard deviations [rad].
-pub struct OrientationBand {
+pub(super) struct OrientationBand {
     /// Mean phase.
-    pub phase: f64,
+    pub(super) phase: f64,
     /// Mean rotation vector [rad].
-    pub mean: DVec3,
+    pub(super) mean: DVec3,
     /// Standard deviations of its components [rad].
-    pub deviations: DVec3,
+    pub(super) deviations: DVec3,
 }
 
 /// Rotation vectors at the goal over the phase: demonstrations without rest, rollouts, Gaussians.
 ///
 /// * `demonstrations`  in canonical coordinates
 /// * `duration_s`  the time that phase one stands for
-pub fn orientation(
+pub(super) fn orientation(
     demonstrations: &[Vec<Canonical>],
     rollouts: &[Vec<Pose>],
     goal: &Pose,
@@ -370,7 +371,7 @@ pub fn orientation(
 ) -> Figure {
     const PHASE_MAX: f64 = 1.2;
     const SIZE: DVec2 = DVec2::new(560.0, 190.0);
-    let shown = |path: &Vec<Canonical>| -> Vec<(f64, DVec3)> {
+    let demonstrated = |path: &Vec<Canonical>| -> Vec<(f64, DVec3)> {
         let last = (path.len() - 1) as f64;
         path.iter().enumerate().map(|(i, y)| (i as f64 / last, y.rotation)).collect()
     };
@@ -381,13 +382,13 @@ pub fn orientation(
         });
         vectors.take_while(|(phase, _)| *phase <= PHASE_MAX).collect()
     };
-    let shown: Vec<_> = demonstrations.iter().map(shown).collect();
+    let demonstrated: Vec<_> = demonstrations.iter().map(demonstrated).collect();
     let followed: Vec<_> = rollouts.iter().map(followed).collect();
     let panels = (0..3).map(|axis| {
         let bounds = bands.iter().flat_map(|band| {
             [-DEVIATIONS, DEVIATIONS].map(|n| band.mean[axis] + n * band.deviations[axis])
         });
-        let paths = shown.iter().chain(&followed).flatten().map(|(_, r)| r[axis]);
+        let paths = demonstrated.iter().chain(&followed).flatten().map(|(_, r)| r[axis]);
         let (low, high) = bounds
             .chain(paths)
             .fold((-0.05, 0.05_f64), |(low, high): (f64, f64), r| (low.min(r), high.max(r)));
@@ -404,7 +405,7 @@ pub fn orientation(
         };
         let upper = bands.iter().map(edge(DEVIATIONS));
         panel.band(upper.chain(bands.iter().rev().map(edge(-DEVIATIONS))), BLUE);
-        for path in &shown {
+        for path in &demonstrated {
             let points = path.iter().map(|(phase, r)| DVec2::new(*phase, r[axis]));
             panel.line(points, &DEMONSTRATION);
         }
@@ -432,7 +433,7 @@ pub fn orientation(
 }
 
 /// The Bayesian information criterion over the number of Gaussians, the chosen one marked.
-pub fn choice(choice: &Choice) -> Figure {
+pub(super) fn choice(choice: &Choice) -> Figure {
     const EMPTY: &str = "#c9d1d8";
     let finite = choice.candidates.iter().filter(|candidate| candidate.bic.is_finite());
     let points: Vec<_> = finite.map(|c| (c, DVec2::new(c.components as f64, c.bic))).collect();
@@ -444,8 +445,7 @@ pub fn choice(choice: &Choice) -> Figure {
     let labels = ["number of Gaussians K", "BIC [nat]"];
     let size = DVec2::new(620.0, 340.0);
     let mut panel = Panel::graph("", labels, [low - room, high + room], size);
-    let line = Stroke { colour: BLUE, width: 1.6, dashes: "", rim: false };
-    panel.line(points.iter().map(|(_, p)| *p), &line);
+    panel.line(points.iter().map(|(_, p)| *p), &Stroke::solid(BLUE, 1.6));
     for (candidate, p) in &points {
         if candidate.components == choice.components {
             panel.dot(*p, 8.0, RED);

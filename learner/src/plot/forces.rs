@@ -11,20 +11,20 @@ use tprmp_rmpflow::policy::thesis::gaussian_field::{GaussianComponent, GaussianF
 use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
 use tprmp_spatial::{MovingPose, Pose};
 
-/// A component's part in the force at a point. Forces are in proportion to each other.
+/// What a component contributes to the force at a point. Forces are in proportion to each other.
 #[derive(Debug, Clone, Copy)]
-pub struct Share {
+pub(super) struct Contribution {
     /// μ [m].
-    pub mean: DVec2,
+    pub(super) mean: DVec2,
     /// −w ∇φ.
-    pub attraction: DVec2,
+    pub(super) attraction: DVec2,
     /// −φ ∇w.
-    pub nominal: DVec2,
+    pub(super) nominal: DVec2,
 }
 
 /// The components of a planar product of Gaussians in the robot's base frame: the products of what the
 /// frames see.
-pub struct Forces {
+pub(super) struct Forces {
     field: Box<GaussianField<2>>,
     /// δ.
     huber_threshold: f64,
@@ -46,7 +46,7 @@ struct Term {
 impl Forces {
     /// The components with these frames. `None` when the policy is not a product in the plane, whose
     /// components differ by place and not by phase, or there is no product of the Gaussians.
-    pub fn new(model: &SkillModel, policy: &policy::Policy, frames: &[Pose]) -> Option<Self> {
+    pub(super) fn new(model: &SkillModel, policy: &policy::Policy, frames: &[Pose]) -> Option<Self> {
         let (Policy::Thesis(thesis), policy::Policy::Plane(product)) = (&model.policy, policy)
         else {
             return None;
@@ -59,27 +59,27 @@ impl Forces {
     }
 
     /// w_k of each component.
-    pub fn weights(&self, point: DVec2) -> Vec<f64> {
+    pub(super) fn weights(&self, point: DVec2) -> Vec<f64> {
         let y = Vector2::new(point.x, point.y);
         self.field.weights(&y)[..self.field.components().len()].to_vec()
     }
 
-    /// The fractions of all components in the force at a point.
-    pub fn shares(&self, point: DVec2) -> Vec<Share> {
+    /// What all components contribute to the force at a point.
+    pub(super) fn contributions(&self, point: DVec2) -> Vec<Contribution> {
         let terms = self.terms(&Vector2::new(point.x, point.y));
         let sum: f64 = terms.iter().map(|t| t.activation).sum();
         let mean_pull: Vector2<f64> = terms.iter().map(|t| t.pull * (t.activation / sum)).sum();
         let plain = |v: Vector2<f64>| DVec2::new(v.x, v.y);
-        let fraction = |t: &Term| {
+        let contribution = |t: &Term| {
             let weight = t.activation / sum;
-            Share {
+            Contribution {
                 mean: plain(t.mean),
                 attraction: plain(t.slope * -weight),
                 // ∇w = w (p̄ − Λ v)
                 nominal: plain((mean_pull - t.pull) * (-t.potential * weight)),
             }
         };
-        terms.iter().map(fraction).collect()
+        terms.iter().map(contribution).collect()
     }
 
     fn terms(&self, y: &Vector2<f64>) -> Vec<Term> {
@@ -109,14 +109,14 @@ mod tests {
     use super::*;
     use nalgebra::Matrix2;
 
-    /// The shares at a point add up to the force, the weights to one.
+    /// The contributions at a point add up to the force, the weights to one.
     #[track_caller]
     fn adds_up(forces: &Forces, point: DVec2, force: DVec2) {
-        let shares = forces.shares(point);
-        let sum: DVec2 = shares.iter().map(|s| s.attraction + s.nominal).sum();
+        let contributions = forces.contributions(point);
+        let sum: DVec2 = contributions.iter().map(|c| c.attraction + c.nominal).sum();
         assert!((sum - force).length() < 1e-9 * (1.0 + force.length()), "{sum} {force}");
         let weights = forces.weights(point);
-        assert_eq!(weights.len(), shares.len());
+        assert_eq!(weights.len(), contributions.len());
         assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
     }
 
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_add_up_to_the_force_of_products() {
+    fn contributions_add_up_to_the_force_of_products() {
         let component = |i: usize| {
             let s = i as f64;
             GaussianComponent {
