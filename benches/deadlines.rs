@@ -1,4 +1,4 @@
-//! Missed deadlines of the real controller, by rate, load, way of waiting and scheduler; each row in
+//! Missed deadlines of the real controller, by rate, load, wait and scheduler; each row in
 //! alternation with `cyclictest` on the same core, and with the time that the hypervisor took.
 //!
 //! A publisher is kept on one core, the controller on another. A deadline is missed when the command
@@ -6,7 +6,7 @@
 //! than that.
 //!
 //! /proc/stat counts steal in steps of 10 ms, so that a short theft is not seen. How often a thread of
-//! the same priority that only looks at the clock loses as much time tells what a slow tick proves.
+//! the same priority that only looks at the clock loses as much time is what a slow tick is compared with.
 
 use std::time::Duration;
 
@@ -53,7 +53,7 @@ struct Arguments {
     /// Schedulers.
     #[arg(long, value_delimiter = ',', default_values = ["other", "fifo"])]
     schedulers: Vec<Scheduler>,
-    /// Ways of waiting.
+    /// How the loop waits.
     #[arg(long, value_delimiter = ',', default_values = ["sleep", "spin"])]
     waits: Vec<Wait>,
     /// Given by cargo.
@@ -481,8 +481,8 @@ fn main() -> Fallible<()> {
     let compared = refused.is_none();
     if let Some(refused) = refused {
         println!(
-            "deadlines: without cyclictest, which cannot be run ({refused}): misses cannot be told \
-             from what the machine does"
+            "deadlines: without cyclictest, which cannot be run ({refused}): misses cannot be \
+             separated from what the machine does"
         );
     }
     let mut cases = Vec::new();

@@ -123,7 +123,7 @@ const TWELVE: [(&str, [f64; 3], f64); 12] = [
     ("suction_tool", [0.0, 0.0, 0.06], 0.065),
 ];
 
-/// A frame that moves and turns, `step` after it was first seen.
+/// A frame that moves and rotates, `step` after it was first seen.
 fn moving(position: [f64; 3], yaw: f64, step: f64) -> MovingPose {
     MovingPose {
         velocity: Twist { linear: DVec3::new(0.1, -0.05, 0.0), angular: DVec3::Z * 0.2 },
@@ -160,8 +160,8 @@ fn obstacles(count: usize) -> Vec<Obstacle> {
     (0..count).map(|i| Obstacle::sphere(place(i), 0.06, DVec3::Y * 0.1)).collect()
 }
 
-/// Pairs of a point and an obstacle that are within reach of the avoidance: what they ask for is computed,
-/// all others are passed over.
+/// Pairs of a point and an obstacle that are within reach of the avoidance: what they ask for is computed, all
+/// others are passed over.
 fn near_pairs(
     chain: &Chain<6>,
     points: &ControlPoints,
@@ -190,10 +190,10 @@ fn tick<'a, const N: usize>(
 ) -> impl FnMut() + 'a {
     let qd = SVector::<f64, N>::repeat(VELOCITY);
     let mut workspace = policy.workspace();
-    let mut turn = 0;
+    let mut parity = 0;
     move || {
-        turn = 1 - turn;
-        let frames = &frames[turn];
+        parity = 1 - parity;
+        let frames = &frames[parity];
         let goal_frame = frames.len() - 1;
         let parameters =
             TaskParameters { frames, goal_frame, obstacles, external: None, dt_s: 1e-3 };

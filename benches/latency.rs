@@ -1,7 +1,7 @@
 //! From a state's publication to the answering command's reception, through the real controller in
 //! another process; side by side with a bare ping-pong of the same messages over the same services.
 //!
-//! Blocks of every case take turns, so that each sees the same machine. The publisher's period is
+//! The blocks of the cases alternate, so that each sees the same machine. The publisher's period is
 //! a thousandth longer than the controller's: with a schedule of its own, the controller meets states
 //! of every age.
 
@@ -127,7 +127,7 @@ fn block(case: &mut Case, set: &Set) -> Fallible<()> {
                 Settings { skill, trigger, period_ns: PERIOD_NS, spin_ns, fifo_priority, cpu };
             let controller = Controller::start(&settings, &instance)?;
             let exchanged = exchange(case, &instance, skill, 1, set);
-            // First: a controller that left says more than the lack of its answers.
+            // First: the log of a controller that left explains more than the lack of answers.
             let summary = controller.stop()?;
             exchanged?;
             for (phase, medians) in PHASES.iter().zip(&mut case.medians_us) {

@@ -172,7 +172,7 @@ fn latency(page: &mut Page, rows: &[&Value]) {
     let rows: Vec<_> = rows.iter().copied().filter(|row| row["name"] != "machine").collect();
     page.section("Between processes: state published → command received");
     page.paragraph(
-        "Times in µs. Blocks of all cases take turns. The ping-pong sends the same messages over the \
+        "Times in µs. The blocks of the cases alternate. The ping-pong sends the same messages over the \
          same services, without a controller; the ratio is to the one with one exchange a period. In \
          lockstep the controller asks for no priority and no core of its own.",
     );

@@ -1,6 +1,6 @@
 //! Whether numbers close to zero slow a tick down: processors compute with subnormal ones (below
 //! 2.2e-308) by microcode. The loop does not flush them to zero, since Rust assumes the processor's
-//! ordinary arithmetic; this tells what they cost. Cases are measured in turn, best of batches.
+//! ordinary arithmetic; this measures what they cost. Cases are measured alternately, best of batches.
 
 use std::hint::black_box;
 use std::path::Path;
@@ -30,7 +30,7 @@ fn policy<const N: usize>(controller: &str, model: &str) -> Policy<N> {
     Policy::new(chain, loaded.policies(), &points, &loaded.config)
 }
 
-/// A situation: joint positions, their speed, and that of the frames.
+/// Joint positions, their speed, and that of the frames.
 struct Case<const N: usize> {
     q: SVector<f64, N>,
     speed: f64,

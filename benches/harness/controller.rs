@@ -29,7 +29,7 @@ pub enum Trigger {
     Lockstep,
 }
 
-/// What a benchmark varies; the rest is as the shipped configuration says.
+/// What a benchmark varies; the rest is as in the shipped configuration.
 #[derive(Debug, Clone)]
 pub struct Settings {
     /// What to run.
@@ -65,7 +65,7 @@ fn missing(path: &Path) -> Box<dyn std::error::Error> {
     format!("`{}` is missing: `make bench` makes it", path.display()).into()
 }
 
-fn said(log: &Path) -> String {
+fn text_of(log: &Path) -> String {
     fs::read_to_string(log).unwrap_or_default()
 }
 
@@ -116,7 +116,7 @@ impl Controller {
     /// Waits until it has run for so many ticks, or for so long since its first one.
     ///
     /// # Errors
-    /// When no tick comes, or it leaves: with what it said.
+    /// When no tick comes, or it leaves: with its log.
     pub fn wait_for_ticks(
         &mut self,
         status: &StatusPort,
@@ -135,10 +135,12 @@ impl Controller {
                 return Ok(());
             }
             if first.is_none() && started.elapsed() > PATIENCE {
-                return Err(format!("the controller does not start:\n{}", said(&self.log)).into());
+                return Err(
+                    format!("the controller does not start:\n{}", text_of(&self.log)).into()
+                );
             }
             if let Some(exit) = self.child.try_wait()? {
-                return Err(format!("the controller left ({exit}):\n{}", said(&self.log)).into());
+                return Err(format!("the controller left ({exit}):\n{}", text_of(&self.log)).into());
             }
             std::thread::sleep(LOOK);
         }
@@ -147,22 +149,22 @@ impl Controller {
     /// Asks it to leave; gives what it measured about itself.
     ///
     /// # Errors
-    /// When it had left before, does not leave, or left no summary: with what it said.
+    /// When it had left before, does not leave, or left no summary: with its log.
     pub fn stop(mut self) -> Fallible<Value> {
         if let Some(status) = self.child.try_wait()? {
-            return Err(format!("the controller left ({status}):\n{}", said(&self.log)).into());
+            return Err(format!("the controller left ({status}):\n{}", text_of(&self.log)).into());
         }
         kill_process(Pid::from_child(&self.child), Signal::INT)?;
         let asked = Instant::now();
         while self.child.try_wait()?.is_none() {
             if asked.elapsed() > PATIENCE {
-                let log = said(&self.log);
+                let log = text_of(&self.log);
                 return Err(format!("the controller does not leave when asked:\n{log}").into());
             }
             std::thread::sleep(Duration::from_millis(5));
         }
         let text = fs::read_to_string(&self.summary)
-            .map_err(|e| format!("`{}`: {e}\n{}", self.summary.display(), said(&self.log)))?;
+            .map_err(|e| format!("`{}`: {e}\n{}", self.summary.display(), text_of(&self.log)))?;
         Ok(serde_json::from_str(&text)?)
     }
 }

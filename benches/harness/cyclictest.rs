@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::statistics::{Buckets, Misses};
 use crate::{Fallible, results};
 
-/// Later wake-ups are counted without being told apart \[µs\].
+/// Later wake-ups are counted together \[µs\].
 const LATEST_US: u64 = 100_000;
 
 /// What it is asked for.
@@ -48,8 +48,8 @@ pub fn refused(cpu: usize) -> Option<String> {
     }
 }
 
-fn first_line(said: &[u8]) -> String {
-    String::from_utf8_lossy(said).trim().lines().next().unwrap_or_default().into()
+fn first_line(text: &[u8]) -> String {
+    String::from_utf8_lossy(text).trim().lines().next().unwrap_or_default().into()
 }
 
 fn command(settings: &Settings) -> Command {
@@ -73,15 +73,15 @@ fn command(settings: &Settings) -> Command {
 /// Runs it.
 ///
 /// # Errors
-/// When it fails, with what it said, or writes something else than expected.
+/// When it fails, with its first line of error, or writes something else than expected.
 pub fn run(settings: &Settings) -> Fallible<Lateness> {
     let report = results::folder().join("cyclictest.json");
     let mut command = command(settings);
     command.arg(format!("--json={}", report.display()));
     let output = command.stdin(Stdio::null()).output()?;
     if !output.status.success() {
-        let said = first_line(&output.stderr);
-        return Err(format!("cyclictest failed ({}): {said}", output.status).into());
+        let error = first_line(&output.stderr);
+        return Err(format!("cyclictest failed ({}): {error}", output.status).into());
     }
     let json = serde_json::from_str(&fs::read_to_string(&report)?)?;
     parse(&json, settings.period_us)

@@ -16,7 +16,7 @@ pub mod role;
 pub mod statistics;
 pub mod timing;
 
-/// A benchmark that cannot go on says why.
+/// A benchmark that cannot go on reports why.
 pub type Fallible<T> = Result<T, Box<dyn Error>>;
 
 /// Real-time priority of every party, that of the shipped configurations.

@@ -19,7 +19,7 @@ const SAMPLE: Duration = Duration::from_millis(10);
 /// Stolen time shows up in /proc/stat some time after it was taken \[ns\].
 const ACCOUNTED_WITHIN_NS: u64 = 100_000_000;
 
-/// The kernel stops a thread of real-time priority that never sleeps: it looks and sleeps in turns
+/// The kernel stops a thread of real-time priority that never sleeps: it looks and sleeps alternately
 /// \[ns\].
 const GAP_LOOK_NS: u64 = 500_000;
 const GAPS_MAX: usize = 100_000;

@@ -18,7 +18,7 @@ pub struct Verdict {
     pub must: String,
     /// What was measured.
     pub found: String,
-    /// Whether it holds; `None` where this run cannot tell.
+    /// Whether it holds; `None` where this run cannot decide.
     pub holds: Option<bool>,
 }
 
@@ -39,7 +39,7 @@ impl Verdict {
         match self.holds {
             Some(true) => "holds",
             Some(false) => "does not hold",
-            None => "cannot be told",
+            None => "open",
         }
     }
 }

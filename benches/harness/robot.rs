@@ -1,4 +1,4 @@
-//! A robot that does exactly what it is told, between frames and obstacles that move: the publisher
+//! A robot that follows every command exactly, between frames and obstacles that move: the publisher
 //! of states. The policy has work in every tick, and no dynamics stand between the parties.
 
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, TAU};

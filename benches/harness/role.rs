@@ -1,6 +1,6 @@
 //! The parts that a benchmark plays in processes of its own: it starts itself again with a role.
 //!
-//! A helper says `ready` on its standard output, and stops when its standard input is closed: so it
+//! A helper prints `ready` on its standard output, and stops when its standard input is closed: so it
 //! stops too when the benchmark itself is ended.
 
 use std::env;
@@ -79,7 +79,7 @@ impl Role {
     /// Starts a process with this role and waits until it is ready.
     ///
     /// # Errors
-    /// When it cannot be started, or ends before it is ready; it has then said why.
+    /// When it cannot be started, or ends before it is ready; it has then printed why.
     pub fn start(&self) -> Fallible<Helper> {
         let mut child = Command::new(env::current_exe()?)
             .args([ARGUMENT, &serde_json::to_string(self)?])

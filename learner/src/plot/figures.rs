@@ -217,7 +217,12 @@ impl<'a> SceneFigures<'a> {
     }
 
     /// A vector as arrows in the slices, with one rollout.
-    pub(super) fn arrows(&self, title: &str, label: &str, vector: impl Fn(&Sample) -> DVec3) -> Figure {
+    pub(super) fn arrows(
+        &self,
+        title: &str,
+        label: &str,
+        vector: impl Fn(&Sample) -> DVec3,
+    ) -> Figure {
         let mut panels = self.canvas.panels(Some(self.scene.goal.position));
         let mut sample = self.scene.sampler();
         let fields = self.slices(&panels, |view, panel| {

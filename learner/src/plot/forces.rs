@@ -46,7 +46,11 @@ struct Term {
 impl Forces {
     /// The components with these frames. `None` when the policy is not a product in the plane, whose
     /// components differ by place and not by phase, or there is no product of the Gaussians.
-    pub(super) fn new(model: &SkillModel, policy: &policy::Policy, frames: &[Pose]) -> Option<Self> {
+    pub(super) fn new(
+        model: &SkillModel,
+        policy: &policy::Policy,
+        frames: &[Pose],
+    ) -> Option<Self> {
         let (Policy::Thesis(thesis), policy::Policy::Plane(product)) = (&model.policy, policy)
         else {
             return None;
