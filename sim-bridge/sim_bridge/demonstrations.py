@@ -17,6 +17,7 @@ from sim_bridge.poses import (
     rotation_from_vector,
     vector_from_rotation,
 )
+from sim_bridge.settings import read_json
 
 SCHEMA = "tprmp-demonstration/1"
 COLUMNS = ["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
@@ -76,7 +77,7 @@ def _rounded(value: float) -> float:
 def read_demonstration(file: Path) -> Demonstration:
     """Reads a demonstration of a pose; raises `BridgeError` naming file and key."""
     try:
-        values = json.loads(file.read_text(encoding="utf-8"))
+        values = read_json(file)
         if values["schema"] != SCHEMA or values["columns"] != COLUMNS:
             raise BridgeError(
                 f'{file}: expected schema "{SCHEMA}" and columns {COLUMNS}, found '
@@ -88,8 +89,6 @@ def read_demonstration(file: Path) -> Demonstration:
         }
         samples = np.array(values["samples"], dtype=float).reshape(-1, len(COLUMNS))
         return Demonstration(values["skill"], float(values["sampling_time_s"]), frames, samples)
-    except OSError as error:
-        raise BridgeError(f"{file}: cannot be read: {error.strerror}") from error
     except KeyError as error:
         raise BridgeError(f"{file}: key {error} is missing") from error
     except (ValueError, TypeError) as error:

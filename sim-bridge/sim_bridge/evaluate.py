@@ -65,10 +65,7 @@ def grip(scene: Scene, log: Log, grasp: Array) -> dict[str, object]:
     for held in rise >= scene.task.lift_height_m:
         current = current + 1 if held else 0
         longest = max(longest, current)
-    before = max(0, first - 1)
-    x_bo = pose_from_wire(log["object_position_m"][before], log["object_quaternion_wxyz"][before])
-    x_be = pose_from_wire(log["tool_position_m"][before], log["tool_quaternion_wxyz"][before])
-    error = inverse(grasp) @ inverse(x_bo) @ x_be
+    error = inverse(grasp) @ tool_in_object(log, max(0, first - 1))
     return {
         "gripped": True,
         "gripped_at_s": float(log["time_s"][first]),
@@ -81,12 +78,24 @@ def grip(scene: Scene, log: Log, grasp: Array) -> dict[str, object]:
     }
 
 
+def tool_in_object(log: Log, row: int) -> Array:
+    """`X_OE` at a row of the log."""
+    x_bo = pose_from_wire(log["object_position_m"][row], log["object_quaternion_wxyz"][row])
+    x_be = pose_from_wire(log["tool_position_m"][row], log["tool_quaternion_wxyz"][row])
+    return inverse(x_bo) @ x_be
+
+
 def clearances(world: World, log: Log) -> Iterator[tuple[int, dict[str, tuple[float, str]]]]:
     """Replays the log: row, and for sphere, table and self the least distance [m] and where."""
     links = world.collision_links()
     pairs = distant_pairs(world, links)
+    moving = [link for link in links if world.moves(link)]
     every = max(1, round(REPLAY_PERIOD_S / world.dt_s))
     names = world.link_names
+
+    def nearest(body: int, links: list[int]) -> tuple[float, str]:
+        return min((world.clearance(body, [link], DISTANCE_MAX_M), names[link]) for link in links)
+
     for row in range(0, len(log["time_s"]), every):
         world.place_arm(log["position_rad"][row])
         x, y, z = log["sphere_position_m"][row]
@@ -94,15 +103,8 @@ def clearances(world: World, log: Log) -> Iterator[tuple[int, dict[str, tuple[fl
         yield (
             row,
             {
-                "sphere": min(
-                    (world.clearance(world.sphere, [link], DISTANCE_MAX_M), names[link])
-                    for link in links
-                ),
-                "table": min(
-                    (world.clearance(world.table, [link], DISTANCE_MAX_M), names[link])
-                    for link in links
-                    if world.moves(link)
-                ),
+                "sphere": nearest(world.sphere, links),
+                "table": nearest(world.table, moving),
                 "self": min(
                     (world.self_clearance(a, b, DISTANCE_MAX_M), f"{names[a]} and {names[b]}")
                     for a, b in pairs
@@ -112,13 +114,10 @@ def clearances(world: World, log: Log) -> Iterator[tuple[int, dict[str, tuple[fl
 
 
 def _clearances(world: World, log: Log) -> dict[str, object]:
+    replay = [now for _, now in clearances(world, log)]
     result: dict[str, object] = {}
-    least: dict[str, tuple[float, str]] = {}
-    for _, now in clearances(world, log):
-        for key, value in now.items():
-            least[key] = min(least.get(key, value), value)
     for key in ("sphere", "table", "self"):
-        distance, where = least.get(key, (None, None))
+        distance, where = min((now[key] for now in replay), default=(None, None))
         result[f"clearance_{key}_m"] = distance
         result[f"clearance_{key}_where"] = where
     return result
@@ -137,11 +136,9 @@ def _limits(world: World, log: Log) -> dict[str, object]:
     chain = world.chain
     if not len(log["time_s"]):
         return dict.fromkeys(("position_limit_used", "velocity_limit_used", "torque_limit_used"))
-    middle = 0.5 * (chain.position_max_rad + chain.position_min_rad)
-    half = 0.5 * (chain.position_max_rad - chain.position_min_rad)
     torque = np.abs(log["torque_n_m"]) / chain.effort_max_n_m
     return {
-        "position_limit_used": float(np.max(np.abs(log["position_rad"] - middle) / half)),
+        "position_limit_used": float(np.max(chain.position_fraction(log["position_rad"]))),
         "velocity_limit_used": float(
             np.max(np.abs(log["velocity_rad_s"]) / chain.velocity_max_rad_s)
         ),

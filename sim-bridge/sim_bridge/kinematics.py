@@ -46,6 +46,12 @@ class Chain:
         """Number of moving joints."""
         return len(self.joint_names)
 
+    def position_fraction(self, q: Array) -> Array:
+        """How far from the middle of their ranges joints at `q` [rad] are; 1 at a limit."""
+        middle = 0.5 * (self.position_max_rad + self.position_min_rad)
+        half = 0.5 * (self.position_max_rad - self.position_min_rad)
+        return np.abs(q - middle) / half
+
 
 def load_chain(urdf: Path, tip_link: str) -> Chain:
     """Reads the chain from the root link of `urdf` to `tip_link`.
@@ -72,35 +78,39 @@ def load_chain(urdf: Path, tip_link: str) -> Chain:
         link = by_child[link].find("parent").get("link")
     joints.reverse()
 
-    names, limits, segments = [], [], []
+    moving = []
+    segments = []
     for joint in joints:
-        name, kind = joint.get("name"), joint.get("type")
         origin = joint.find("origin")
-        xyz = _numbers(origin, "xyz")
-        x_parent_joint = pose(rotation_from_rpy(*_numbers(origin, "rpy")), xyz)
-        if kind == "fixed":
-            segments.append(Segment(x_parent_joint, None))
-            continue
-        limit = joint.find("limit")
-        if kind != "revolute" or limit is None:
-            raise BridgeError(
-                f"{urdf}: joint `{name}`: expected a fixed joint, or a revolute one with "
-                f"<limit>, found type `{kind}`"
-            )
-        axis_element = joint.find("axis")
-        axis = _numbers(axis_element, "xyz") if axis_element is not None else np.array([1.0, 0, 0])
-        segments.append(Segment(x_parent_joint, axis / np.linalg.norm(axis)))
-        names.append(name)
-        try:
-            limits.append([float(limit.get(k)) for k in ("lower", "upper", "velocity", "effort")])
-        except (TypeError, ValueError) as error:
-            raise BridgeError(
-                f"{urdf}: joint `{name}`: <limit> expects lower, upper, velocity, effort"
-            ) from error
-    if not names:
+        x_parent_joint = pose(rotation_from_rpy(*_numbers(origin, "rpy")), _numbers(origin, "xyz"))
+        axis = None
+        if joint.get("type") != "fixed":
+            moving.append(joint)
+            axis = joint.find("axis")
+            axis = _numbers(axis, "xyz") if axis is not None else np.array([1.0, 0, 0])
+            axis = axis / np.linalg.norm(axis)
+        segments.append(Segment(x_parent_joint, axis))
+    if not moving:
         raise BridgeError(f"{urdf}: no revolute joint between the root and `{tip_link}`")
-    lower, upper, velocity, effort = np.array(limits).T
-    return Chain(tuple(names), lower, upper, velocity, effort, tuple(segments))
+    lower, upper, velocity, effort = np.array([_limits(joint, urdf) for joint in moving]).T
+    names = tuple(joint.get("name") for joint in moving)
+    return Chain(names, lower, upper, velocity, effort, tuple(segments))
+
+
+def _limits(joint: ElementTree.Element, urdf: Path) -> list[float]:
+    """Lower, upper, velocity and effort of a revolute joint."""
+    name, kind, limit = joint.get("name"), joint.get("type"), joint.find("limit")
+    if kind != "revolute" or limit is None:
+        raise BridgeError(
+            f"{urdf}: joint `{name}`: expected a fixed joint, or a revolute one with <limit>, "
+            f"found type `{kind}`"
+        )
+    try:
+        return [float(limit.get(key)) for key in ("lower", "upper", "velocity", "effort")]
+    except (TypeError, ValueError) as error:
+        raise BridgeError(
+            f"{urdf}: joint `{name}`: <limit> expects lower, upper, velocity, effort"
+        ) from error
 
 
 def _numbers(element: ElementTree.Element | None, attribute: str) -> Array:
@@ -127,10 +137,10 @@ def segment_poses(chain: Chain, q: Array) -> list[Array]:
             # Rodrigues' formula, for every configuration at once.
             k = skew(segment.axis)
             angle = q[..., index, None, None]
-            turn = np.zeros((*q.shape[:-1], 4, 4))
-            turn[..., :3, :3] = np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k)
-            turn[..., 3, 3] = 1.0
-            x = x @ turn
+            rotation = np.zeros((*q.shape[:-1], 4, 4))
+            rotation[..., :3, :3] = np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k)
+            rotation[..., 3, 3] = 1.0
+            x = x @ rotation
             index += 1
         poses.append(x)
     return poses

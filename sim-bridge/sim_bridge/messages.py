@@ -17,9 +17,14 @@ FRAME_CAPACITY = 8
 OBSTACLE_CAPACITY = 32
 NAME_CAPACITY = 24
 
+_U32, _U64 = ctypes.c_uint32, ctypes.c_uint64
 _Joints = ctypes.c_double * JOINT_CAPACITY
 _Vector3 = ctypes.c_double * 3
 _Quaternion = ctypes.c_double * 4
+
+
+def _all(kind: type, names: str) -> list[tuple[str, type]]:
+    return [(name, kind) for name in names.split()]
 
 
 class GripperState(IntEnum):
@@ -89,150 +94,95 @@ class ObstacleKind(IntEnum):
     BOX = 3
 
 
-class RobotState(ctypes.Structure):
+class _Message(ctypes.Structure):
+    WIRE_NAME: str
+
+    @classmethod
+    def type_name(cls) -> str:
+        """Name on the wire."""
+        return cls.WIRE_NAME
+
+
+class RobotState(_Message):
     """The state of the robot, from the bridge to the controller."""
 
+    WIRE_NAME = "RobotStateV1"
     _fields_ = [
-        ("sequence", ctypes.c_uint64),
-        ("time_ns", ctypes.c_uint64),
-        ("joint_count", ctypes.c_uint32),
-        ("gripper_state", ctypes.c_uint32),
-        ("position", _Joints),
-        ("velocity", _Joints),
-        ("torque", _Joints),
+        *_all(_U64, "sequence time_ns"),
+        *_all(_U32, "joint_count gripper_state"),
+        *_all(_Joints, "position velocity torque"),
     ]
 
-    @staticmethod
-    def type_name() -> str:
-        """Name on the wire."""
-        return "RobotStateV1"
 
-
-class Frame(ctypes.Structure):
+class Frame(_Message):
     """A named task frame in B."""
 
+    WIRE_NAME = "FrameV1"
     _fields_ = [
         ("name", ctypes.c_uint8 * NAME_CAPACITY),
-        ("valid", ctypes.c_uint32),
-        ("padding", ctypes.c_uint32),
+        *_all(_U32, "valid padding"),
         ("position", _Vector3),
         ("quaternion", _Quaternion),
-        ("linear_velocity", _Vector3),
-        ("angular_velocity", _Vector3),
+        *_all(_Vector3, "linear_velocity angular_velocity"),
     ]
 
-    @staticmethod
-    def type_name() -> str:
-        """Name on the wire."""
-        return "FrameV1"
 
-
-class Obstacle(ctypes.Structure):
+class Obstacle(_Message):
     """A moving obstacle in B."""
 
+    WIRE_NAME = "ObstacleV2"
     _fields_ = [
-        ("kind", ctypes.c_uint32),
-        ("valid", ctypes.c_uint32),
+        *_all(_U32, "kind valid"),
         ("position", _Vector3),
         ("quaternion", _Quaternion),
-        ("linear_velocity", _Vector3),
-        ("angular_velocity", _Vector3),
-        ("size", _Vector3),
+        *_all(_Vector3, "linear_velocity angular_velocity size"),
     ]
 
-    @staticmethod
-    def type_name() -> str:
-        """Name on the wire."""
-        return "ObstacleV2"
 
-
-class TaskFrames(ctypes.Structure):
+class TaskFrames(_Message):
     """The task parameters: frames and obstacles, from the bridge to the controller."""
 
+    WIRE_NAME = "TaskFramesV2"
     _fields_ = [
-        ("sequence", ctypes.c_uint64),
-        ("time_ns", ctypes.c_uint64),
-        ("frame_count", ctypes.c_uint32),
-        ("obstacle_count", ctypes.c_uint32),
+        *_all(_U64, "sequence time_ns"),
+        *_all(_U32, "frame_count obstacle_count"),
         ("frames", Frame * FRAME_CAPACITY),
         ("obstacles", Obstacle * OBSTACLE_CAPACITY),
     ]
 
-    @staticmethod
-    def type_name() -> str:
-        """Name on the wire."""
-        return "TaskFramesV2"
 
-
-class JointCommand(ctypes.Structure):
+class JointCommand(_Message):
     """What the controller wants the robot to do."""
 
+    WIRE_NAME = "JointCommandV1"
     _fields_ = [
-        ("sequence", ctypes.c_uint64),
-        ("state_sequence", ctypes.c_uint64),
-        ("time_ns", ctypes.c_uint64),
-        ("expiry_ns", ctypes.c_uint64),
-        ("mode", ctypes.c_uint32),
-        ("gripper_command", ctypes.c_uint32),
-        ("joint_count", ctypes.c_uint32),
-        ("reason", ctypes.c_uint32),
-        ("position", _Joints),
-        ("velocity", _Joints),
-        ("acceleration", _Joints),
-        ("torque", _Joints),
-        ("gravity_torque", _Joints),
+        *_all(_U64, "sequence state_sequence time_ns expiry_ns"),
+        *_all(_U32, "mode gripper_command joint_count reason"),
+        *_all(_Joints, "position velocity acceleration torque gravity_torque"),
     ]
 
-    @staticmethod
-    def type_name() -> str:
-        """Name on the wire."""
-        return "JointCommandV1"
 
+class ToolCommand(_Message):
+    """The velocity of the tool in B that is commanded from outside, beside the skill."""
 
-class ToolCommand(ctypes.Structure):
-    """A velocity of the tool in B that somebody outside wishes for, beside the skill."""
-
+    WIRE_NAME = "ToolCommandV1"
     _fields_ = [
-        ("sequence", ctypes.c_uint64),
-        ("time_ns", ctypes.c_uint64),
-        ("linear_velocity", _Vector3),
-        ("angular_velocity", _Vector3),
+        *_all(_U64, "sequence time_ns"),
+        *_all(_Vector3, "linear_velocity angular_velocity"),
     ]
 
-    @staticmethod
-    def type_name() -> str:
-        """Name on the wire."""
-        return "ToolCommandV1"
 
-
-class ControllerStatus(ctypes.Structure):
+class ControllerStatus(_Message):
     """How the controller is doing, once a tick."""
 
+    WIRE_NAME = "ControllerStatusV2"
     _fields_ = [
-        ("sequence", ctypes.c_uint64),
-        ("time_ns", ctypes.c_uint64),
-        ("life_cycle", ctypes.c_uint32),
-        ("reason", ctypes.c_uint32),
-        ("ticks", ctypes.c_uint64),
-        ("deadline_misses", ctypes.c_uint64),
-        ("skipped_periods", ctypes.c_uint64),
-        ("allocations", ctypes.c_uint64),
-        ("connections", ctypes.c_uint64),
-        ("period_ns", ctypes.c_uint64),
-        ("wake_up_ns", ctypes.c_uint64),
-        ("state_age_ns", ctypes.c_uint64),
-        ("receiving_ns", ctypes.c_uint64),
-        ("evaluation_ns", ctypes.c_uint64),
-        ("publishing_ns", ctypes.c_uint64),
-        ("goal_distance_m", ctypes.c_double),
-        ("goal_angle_rad", ctypes.c_double),
-        ("energy_j", ctypes.c_double),
+        *_all(_U64, "sequence time_ns"),
+        *_all(_U32, "life_cycle reason"),
+        *_all(_U64, "ticks deadline_misses skipped_periods allocations connections period_ns"),
+        *_all(_U64, "wake_up_ns state_age_ns receiving_ns evaluation_ns publishing_ns"),
+        *_all(ctypes.c_double, "goal_distance_m goal_angle_rad energy_j"),
     ]
-
-    @staticmethod
-    def type_name() -> str:
-        """Name on the wire."""
-        return "ControllerStatusV2"
 
 
 MESSAGES = {
@@ -244,7 +194,7 @@ MESSAGES = {
     "ToolCommand": (ToolCommand, 64),
     "ControllerStatus": (ControllerStatus, 136),
 }
-"""Every message with the size [bytes] the other side was told."""
+"""Every message with its size on the wire [bytes]."""
 
 for _name, (_type, _size) in MESSAGES.items():
     assert ctypes.sizeof(_type) == _size, f"{_name}: {ctypes.sizeof(_type)} bytes, not {_size}"

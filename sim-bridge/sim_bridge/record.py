@@ -1,7 +1,7 @@
-"""The scripted expert: shows the pick and records it as demonstrations.
+"""The scripted expert: demonstrates the pick and records it.
 
-The tool's path is one smooth curve without a stop: the horizontal motion and the turn of the tool
-follow one minimum-jerk profile, the descent a later one, so that the end is vertical. Inverse
+The tool's path is one smooth curve without a stop: the horizontal motion and the rotation of the
+tool follow one minimum-jerk profile, the descent a later one, so that the end is vertical. Inverse
 kinematics turns it into joint positions, which computed torque tracks in the physics; what is
 recorded is the measured tool pose. The vacuum comes on when the cup is pressed on the box.
 """
@@ -71,8 +71,8 @@ def tool_path(scene: Scene, x_start: Array, x_goal: Array, end: float, phase: fl
     h = minimum_jerk(phase / end)
     v = minimum_jerk((phase - delay) / (1.0 - delay))
     position = x_start[:3, 3] + (x_goal[:3, 3] - x_start[:3, 3]) * np.array([h, h, v])
-    turn = vector_from_rotation(x_start[:3, :3].T @ x_goal[:3, :3])
-    return pose(x_start[:3, :3] @ rotation_from_vector(h * turn), position)
+    rotation = vector_from_rotation(x_start[:3, :3].T @ x_goal[:3, :3])
+    return pose(x_start[:3, :3] @ rotation_from_vector(h * rotation), position)
 
 
 def _minimum_jerk_phase(progress: float) -> float:
@@ -131,7 +131,7 @@ class _Expert:
 
 
 def record_one(scene: Scene, number: int, count: int, seed: int) -> Recording:
-    """Shows the pick once; raises `BridgeError` when the box is not gripped or not lifted."""
+    """Picks the box once; raises `BridgeError` when it is not gripped or not lifted."""
     generator = random.Random(f"{seed}/{number}")
     world = World(scene, _static_episode(scene, number, count, seed), with_sphere=False)
     try:
@@ -139,7 +139,7 @@ def record_one(scene: Scene, number: int, count: int, seed: int) -> Recording:
         start = [q + variation * (2.0 * generator.random() - 1.0) for q in world.home]
         world.place_arm(start)
         world.moving = True
-        return _show(world, scene.record.duration_s.draw(generator), number)
+        return _demonstrate(world, scene.record.duration_s.draw(generator), number)
     finally:
         world.close()
 
@@ -154,8 +154,8 @@ def _static_episode(scene: Scene, number: int, count: int, seed: int) -> Episode
     centre_y = 0.5 * (box.circle_centre_y_m.low + box.circle_centre_y_m.high)
     angle = 2.0 * math.pi * (number + generator.random()) / count
     radius = box.circle_radius_m * math.sqrt(0.1 + 0.9 * generator.random())
-    share = (yaw_order[number] + generator.random()) / count
-    yaw = box.yaw_rad.low + (box.yaw_rad.high - box.yaw_rad.low) * share
+    fraction = (yaw_order[number] + generator.random()) / count
+    yaw = box.yaw_rad.low + (box.yaw_rad.high - box.yaw_rad.low) * fraction
     position = (
         centre_x + radius * math.cos(angle),
         centre_y + radius * math.sin(angle),
@@ -164,7 +164,7 @@ def _static_episode(scene: Scene, number: int, count: int, seed: int) -> Episode
     return Episode(number, position, 0.0, 0.0, 0.0, yaw, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
 
 
-def _show(world: World, duration_s: float, number: int) -> Recording:
+def _demonstrate(world: World, duration_s: float, number: int) -> Recording:
     scene, record, dt = world.scene, world.scene.record, world.dt_s
     label = f"demonstration {number + 1}"
     x_start = world.tool_pose()
@@ -178,9 +178,31 @@ def _show(world: World, duration_s: float, number: int) -> Recording:
     phases = [(step + 1) / steps for step in range(steps)]
     expert = _Expert(world)
     plan = expert.plan([tool_path(scene, x_start, x_goal, end, phase) for phase in phases])
+    measured = _follow(expert, plan)
+    if world.gripper != GripperState.HOLDING:
+        raise BridgeError(f"{label}: the vacuum did not seal: see `record` in {scene.file}")
+    lifted_m = _lift(expert, scene.task.lift_height_m + LIFT_MARGIN_M)
+    if lifted_m < scene.task.lift_height_m:
+        raise BridgeError(f"{label}: the box was lifted by {lifted_m:.3f} m only")
 
-    every = round(record.sampling_time_s / dt)
-    measured = [x_start]
+    samples = _samples(measured)
+    steps_m = np.linalg.norm(np.diff(samples[:, :3], axis=0), axis=1)
+    frames = {scene.task.start_frame: x_start, scene.task.goal_frame: x_bo}
+    return Recording(
+        Demonstration(scene.task.skill, record.sampling_time_s, frames, samples),
+        duration_s=(len(measured) - 1) * record.sampling_time_s,
+        path_length_m=float(np.sum(steps_m)),
+        speed_max_m_s=float(np.max(steps_m)) / record.sampling_time_s,
+        compression_m=float(top - (inverse(x_bo) @ measured[-1])[2, 3]),
+        lifted_m=lifted_m,
+    )
+
+
+def _follow(expert: _Expert, plan: tuple[Array, Array, Array]) -> list[Array]:
+    """Follows the plan, rests and seals, if it can; gives the measured tool poses."""
+    world = expert.world
+    every = round(world.scene.record.sampling_time_s / world.dt_s)
+    measured = [world.tool_pose()]
 
     def sample() -> None:
         if world.steps % every == 0:
@@ -190,40 +212,24 @@ def _show(world: World, duration_s: float, number: int) -> Recording:
         expert.step(q, qd, qdd, vacuum=False)
         sample()
     at_rest = False
-    for _ in range(math.ceil(REST_TIME_MAX_S / dt)):
+    for _ in range(math.ceil(REST_TIME_MAX_S / world.dt_s)):
         at_rest = at_rest or max(abs(v) for v in world.joint_state()[1]) < REST_SPEED_RAD_S
         expert.hold(vacuum=at_rest)
         if world.gripper == GripperState.HOLDING:
             break
         sample()
-    else:
-        raise BridgeError(f"{label}: the vacuum did not seal: see `record` in {scene.file}")
-    x_end = measured[-1]
-    lifted_m = _lift(expert, scene.task.lift_height_m + LIFT_MARGIN_M)
-    if lifted_m < scene.task.lift_height_m:
-        raise BridgeError(f"{label}: the box was lifted by {lifted_m:.3f} m only")
+    return measured
 
-    positions = np.array([x[:3, 3] for x in measured])
-    quaternions = np.array([quaternion_from_rotation(x[:3, :3]) for x in measured])
+
+def _samples(poses: list[Array]) -> Array:
+    """Rows of a demonstration: position [m], quaternion w x y z with a continuous sign."""
+    positions = np.array([x[:3, 3] for x in poses])
+    quaternions = np.array([quaternion_from_rotation(x[:3, :3]) for x in poses])
     quaternions = continuous_quaternions(quaternions)
     # The sign of the first one is free: the same hemisphere for all demonstrations of a grasp.
     if quaternions[0] @ quaternion_from_rotation(R_OE) < 0.0:
         quaternions = -quaternions
-    steps_m = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    demonstration = Demonstration(
-        skill=scene.task.skill,
-        sampling_time_s=record.sampling_time_s,
-        frames={scene.task.start_frame: x_start, scene.task.goal_frame: x_bo},
-        samples=np.hstack([positions, quaternions]),
-    )
-    return Recording(
-        demonstration,
-        duration_s=(len(measured) - 1) * record.sampling_time_s,
-        path_length_m=float(np.sum(steps_m)),
-        speed_max_m_s=float(np.max(steps_m)) / record.sampling_time_s,
-        compression_m=float(top - (inverse(x_bo) @ x_end)[2, 3]),
-        lifted_m=lifted_m,
-    )
+    return np.hstack([positions, quaternions])
 
 
 def _lift(expert: _Expert, height_m: float) -> float:

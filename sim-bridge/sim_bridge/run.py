@@ -53,12 +53,12 @@ POLL_SLEEP_S = 50e-6
 PRIORITY_DEFAULT = 40
 """SCHED_FIFO priority of the loop in real time: below a controller's."""
 DONE_WAIT_S = 2.0
-# A controller without a valid command for so long is gone; one that is started again before takes
-# over.
-LOST_AFTER_S = 5.0
-# A box on a braked arm swings for less than this.
-SETTLE_S = 0.5
 """How long a held, lifted box waits for the controller to call itself done, in real time."""
+LOST_AFTER_S = 5.0
+"""A controller without a valid command for so long is gone; one that is started again before takes
+over."""
+SETTLE_S = 0.5
+"""A box on a braked arm swings for less than this."""
 
 
 class Outcome(str, Enum):
@@ -189,7 +189,7 @@ class Run:
         self.braked_s = 0.0
 
     def publish_from(self, world: World) -> Publication:
-        """What tells a controller about this world."""
+        """What is published of this world."""
         return Publication(world, self.scene.task.start_frame, self.scene.task.goal_frame)
 
     # The step.
@@ -213,10 +213,10 @@ class Run:
         vacuum = command.gripper_command == GripperCommand.GRIP
         if obeyed(command, n, publication.state.sequence, now_ns):
             gravity_cmd = command.gravity_torque[:n]
-            wanted = [t + g for t, g in zip(command.torque[:n], gravity_cmd)]
-            applied = world.apply_torque(wanted)
+            commanded = [t + g for t, g in zip(command.torque[:n], gravity_cmd)]
+            applied = world.apply_torque(commanded)
             self.braked_s = 0.0
-            self.timing.clamped_steps += applied != wanted
+            self.timing.clamped_steps += applied != commanded
             self.torque_measured = [a - g for a, g in zip(applied, gravity)]
             self.log.write(
                 position_cmd_rad=command.position[:n],
@@ -230,7 +230,7 @@ class Run:
         else:
             # The vacuum stays as it was last asked for: braking must not drop the object.
             world.brake()
-            # Braking after the controller has left on purpose is as it should be.
+            # Braking after the controller has left on purpose is no fault.
             self.timing.braked_steps += not self.left_on_purpose()
             self.braked_s += world.dt_s
             self.torque_measured = [0.0] * n
@@ -289,7 +289,7 @@ class Run:
         return None
 
     def read_status(self, ports: StatePublisherPorts) -> None:
-        """Takes the newest status."""
+        """Reads the newest status."""
         if ports.receive_status(self.status):
             self.life_cycle = int(self.status.life_cycle)
 
@@ -491,8 +491,8 @@ def _finish(this: Run, outcome: Outcome, grasp: Array) -> int:
     result = evaluate(scene, world, log, grasp)
     lateness_ms = 1e3 * log["lateness_s"]
     late = {
-        f"lateness_{name}_ms": float(np.percentile(lateness_ms, share)) if len(lateness_ms) else 0.0
-        for name, share in (("p50", 50), ("p99", 99), ("max", 100))
+        f"lateness_{name}_ms": float(np.percentile(lateness_ms, rank)) if len(lateness_ms) else 0.0
+        for name, rank in (("p50", 50), ("p99", 99), ("max", 100))
     }
     bridge = {
         "scene": str(scene.file),

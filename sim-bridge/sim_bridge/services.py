@@ -7,8 +7,10 @@ import os
 import re
 import shutil
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import TYPE_CHECKING
 
 import iceoryx2
@@ -36,6 +38,11 @@ OBSERVED = ("robot_state", "controller_status")
 """Services that keep messages for observers."""
 
 _NAME = re.compile(r"[A-Za-z0-9-]{1,32}")
+_PORT_ERRORS = (
+    iceoryx2.PublishSubscribeOpenOrCreateError,
+    iceoryx2.PublisherCreateError,
+    iceoryx2.SubscriberCreateError,
+)
 
 
 class Instance:
@@ -81,12 +88,11 @@ class Instance:
 
     def service(
         self, node: iceoryx2.Node, topic: str, message: type[ctypes.Structure]
-    ) -> tuple[str, iceoryx2.PortFactoryPublishSubscribe]:
+    ) -> iceoryx2.PortFactoryPublishSubscribe:
         """Opens or creates a service; raises `BridgeError` when the other side differs."""
-        name = f"{self.name}/{topic}/v1"
-        try:
-            return name, (
-                node.service_builder(iceoryx2.ServiceName.new(name))
+        with self._explained(topic, message):
+            return (
+                node.service_builder(iceoryx2.ServiceName.new(self._name(topic)))
                 .publish_subscribe(message)
                 .max_publishers(1)
                 .max_subscribers(8)
@@ -96,42 +102,46 @@ class Instance:
                 .enable_safe_overflow(True)
                 .open_or_create()
             )
-        except iceoryx2.PublishSubscribeOpenOrCreateError as error:
-            if "IncompatibleTypes" in str(error):
-                raise BridgeError(
-                    f"service `{name}` exists with another message type or size than this "
-                    f"program's {message.type_name()} of {ctypes.sizeof(message)} bytes: both "
-                    "sides must be of the same version"
-                ) from error
-            raise BridgeError(f"service `{name}` could not be opened: {error}") from error
 
     def publisher(
         self, node: iceoryx2.Node, topic: str, message: type[ctypes.Structure]
     ) -> iceoryx2.Publisher:
         """The publisher of a service; raises `BridgeError` when there is one already."""
-        name, service = self.service(node, topic, message)
-        try:
+        service = self.service(node, topic, message)
+        with self._explained(topic, message):
             return service.publisher_builder().create()
-        except iceoryx2.PublisherCreateError as error:
-            if "ExceedsMaxSupportedPublishers" in str(error):
-                raise BridgeError(
-                    f"service `{name}` already has a publisher: another one is running on this "
-                    "instance"
-                ) from error
-            raise BridgeError(f"service `{name}` could not be opened: {error}") from error
 
     def subscriber(
         self, node: iceoryx2.Node, topic: str, message: type[ctypes.Structure]
     ) -> iceoryx2.Subscriber:
         """A subscriber of a service, which gets the newest message."""
-        name, service = self.service(node, topic, message)
-        try:
+        service = self.service(node, topic, message)
+        with self._explained(topic, message):
             return service.subscriber_builder().buffer_size(1).create()
-        except iceoryx2.SubscriberCreateError as error:
-            raise BridgeError(f"service `{name}` could not be opened: {error}") from error
+
+    def _name(self, topic: str) -> str:
+        return f"{self.name}/{topic}/v1"
+
+    @contextmanager
+    def _explained(self, topic: str, message: type[ctypes.Structure]) -> Iterator[None]:
+        """Turns iceoryx2's errors into `BridgeError`; their kind stands in their text alone."""
+        try:
+            yield
+        except _PORT_ERRORS as error:
+            service = f"service `{self._name(topic)}`"
+            text = f"{service} could not be opened: {error}"
+            if "IncompatibleTypes" in str(error):
+                text = (
+                    f"{service} exists with another message type or size than this program's "
+                    f"{message.type_name()} of {ctypes.sizeof(message)} bytes: both sides must be "
+                    "of the same version"
+                )
+            if "ExceedsMaxSupportedPublishers" in str(error):
+                text = f"{service} already has a publisher: another one is running on this instance"
+            raise BridgeError(text) from error
 
     def remove_leftovers(self) -> None:
-        """Takes away what iceoryx2 leaves of an instance without nodes.
+        """Removes what iceoryx2 leaves of an instance without nodes.
 
         That is a counter of 16 bytes in shared memory, and empty folders. A folder that is in
         use is not empty, and stays.
@@ -168,7 +178,7 @@ class _Ports:
         raise NotImplementedError
 
     def close(self) -> None:
-        """Lets go of every port and then of the node, and takes away what they leave."""
+        """Closes every port and then the node, and removes what they leave."""
         for port in self.PORTS:
             self.__dict__.pop(port, None)
         self._node = None
@@ -177,12 +187,7 @@ class _Ports:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -217,7 +222,7 @@ class StatePublisherPorts(_Ports):
 
 
 class ToolCommandPorts(_Ports):
-    """The ports of somebody who commands the tool beside the skill."""
+    """The ports of an external command of the tool, beside the skill."""
 
     PORTS = ("command", "state")
 
@@ -260,11 +265,6 @@ class StopSignal:
             self._before[number] = signal.signal(number, self._handle)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)

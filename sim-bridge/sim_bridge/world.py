@@ -80,17 +80,18 @@ class World:
         self._braked: bool | None = None
         with quiet(1):
             self.client = BulletClient(connection_mode=pybullet.DIRECT)
-            self._load(with_sphere)
+            self._load_arm()
+            self._load_bodies(with_sphere)
         self.place_arm(self.home)
         self._place_bodies()
 
     def close(self) -> None:
-        """Lets go of the physics engine."""
+        """Disconnects from the physics engine."""
         self.client.disconnect()
 
     # Loading.
 
-    def _load(self, with_sphere: bool) -> None:
+    def _load_arm(self) -> None:
         p, scene = self.client, self.scene
         p.setPhysicsEngineParameter(
             fixedTimeStep=self.dt_s, numSubSteps=0, deterministicOverlappingPairs=1
@@ -130,6 +131,8 @@ class World:
             contactDamping=scene.suction.contact_damping_n_s_m,
         )
 
+    def _load_bodies(self, with_sphere: bool) -> None:
+        p, scene = self.client, self.scene
         half = [0.5 * size for size in scene.table.size_m]
         self.table = p.createMultiBody(
             0.0,
@@ -168,7 +171,7 @@ class World:
     def gravity_torque(self, q: Sequence[float]) -> list[float]:
         """Torques that hold the arm, without an object, against gravity [N m]."""
         zero = [0.0] * len(self.joints)
-        return list(self.client.calculateInverseDynamics(self.arm, list(q), zero, zero))
+        return self.inverse_dynamics(q, zero, zero)
 
     def inverse_dynamics(
         self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float]
@@ -182,13 +185,8 @@ class World:
         if self._free:
             position, (x, y, z, w) = self.client.getBasePositionAndOrientation(self.box)
             linear, angular = self.client.getBaseVelocity(self.box)
-            return (
-                np.array(position),
-                np.array([w, x, y, z]),
-                np.array(linear),
-                np.array(angular),
-            )
-        motion = self._object_on_circle()
+            return tuple(map(np.array, (position, [w, x, y, z], linear, angular)))
+        motion = self._still(self.episode.object_motion(self.time_s))
         return (
             np.array(motion.position_m),
             quaternion_from_rotation(rotation_z(motion.yaw_rad)),
@@ -199,9 +197,6 @@ class World:
     def sphere_motion(self) -> Motion:
         """Where the sphere is."""
         return self._still(self.episode.sphere_motion(self.time_s))
-
-    def _object_on_circle(self) -> Motion:
-        return self._still(self.episode.object_motion(self.time_s))
 
     def _still(self, motion: Motion) -> Motion:
         if self.moving:
@@ -222,30 +217,21 @@ class World:
     def brake(self) -> None:
         """Velocity motors to zero, within the joints' efforts."""
         if self._braked is not True:
-            self.client.setJointMotorControlArray(
-                self.arm,
-                self.joints,
-                pybullet.VELOCITY_CONTROL,
-                targetVelocities=[0.0] * len(self.joints),
-                forces=list(self.effort_max),
-            )
+            zero = [0.0] * len(self.joints)
+            self._drive(pybullet.VELOCITY_CONTROL, list(self.effort_max), targetVelocities=zero)
             self._braked = True
 
     def apply_torque(self, torque: Sequence[float]) -> list[float]:
         """Torques [N m] for the next step; gives what is left of them within the efforts."""
         clamped = np.clip(torque, -self.effort_max, self.effort_max).tolist()
         if self._braked is not False:
-            self.client.setJointMotorControlArray(
-                self.arm,
-                self.joints,
-                pybullet.VELOCITY_CONTROL,
-                forces=[0.0] * len(self.joints),
-            )
+            self._drive(pybullet.VELOCITY_CONTROL, [0.0] * len(self.joints))
             self._braked = False
-        self.client.setJointMotorControlArray(
-            self.arm, self.joints, pybullet.TORQUE_CONTROL, forces=clamped
-        )
+        self._drive(pybullet.TORQUE_CONTROL, clamped)
         return clamped
+
+    def _drive(self, mode: int, forces: list[float], **targets: list[float]) -> None:
+        self.client.setJointMotorControlArray(self.arm, self.joints, mode, forces=forces, **targets)
 
     def step(self, vacuum: bool) -> None:
         """One step of the physics, then what the vacuum does, then the new time's poses."""
@@ -258,7 +244,7 @@ class World:
 
     def _place_bodies(self) -> None:
         if not self._free:
-            self._place(self.box, self._object_on_circle())
+            self._place(self.box, self._still(self.episode.object_motion(self.time_s)))
         if self.sphere is not None:
             self._place(self.sphere, self.sphere_motion())
 
@@ -347,23 +333,21 @@ class World:
         self._place(self.sphere, motion)
 
     def moves(self, link: int) -> bool:
-        """Whether a link can move with respect to the table: the first one only turns above it."""
+        """Whether a link can come nearer to the table: the first one only rotates above it."""
         return self.link_parents[link] >= 0
 
     def self_clearance(self, link_a: int, link_b: int, distance_max_m: float) -> float:
         """Least distance of two links of the arm [m], `distance_max_m` when they are farther."""
-        points = self.client.getClosestPoints(
-            self.arm, self.arm, distance_max_m, linkIndexA=link_a, linkIndexB=link_b
-        )
-        return min([distance_max_m, *(point[8] for point in points)])
+        return self._distance(self.arm, distance_max_m, linkIndexA=link_a, linkIndexB=link_b)
 
     def clearance(self, body: int, links: Sequence[int], distance_max_m: float) -> float:
         """Least distance of `links` to `body` [m], `distance_max_m` when none is nearer."""
-        least = distance_max_m
-        for link in links:
-            points = self.client.getClosestPoints(self.arm, body, distance_max_m, linkIndexA=link)
-            least = min([least, *(point[8] for point in points)])
-        return least
+        distances = (self._distance(body, distance_max_m, linkIndexA=link) for link in links)
+        return min(distances, default=distance_max_m)
+
+    def _distance(self, body: int, distance_max_m: float, **links: int) -> float:
+        points = self.client.getClosestPoints(self.arm, body, distance_max_m, **links)
+        return min([distance_max_m, *(point[8] for point in points)])
 
     def collision_links(self) -> list[int]:
         """Links of the arm that have a shape."""

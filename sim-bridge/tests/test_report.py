@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sim_bridge import cli, report
+from sim_bridge import cli
 from sim_bridge.demonstrations import demonstrated_grasp
 from sim_bridge.errors import BridgeError
 from sim_bridge.kinematics import forward, inverse_kinematics, load_chain
 from sim_bridge.log import LogWriter, load, save
 from sim_bridge.poses import inverse, pose, quaternion_from_rotation, rotation_z
-from sim_bridge.report import Detail, moments
-from sim_bridge.report_figures import failures, load_run, result
+from sim_bridge.report import report
+from sim_bridge.report.figures import failures, load_run, result
+from sim_bridge.report.report import Detail, moments
 
 APPROACH_ROWS, LIFT_ROWS, HOLD_ROWS = 120, 60, 260
 OFFSET_M, TURN_RAD = 0.002, 0.01

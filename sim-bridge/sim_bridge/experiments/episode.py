@@ -1,8 +1,7 @@
-"""Lets one scenario happen, in lockstep with a controller of its own, and watches every step."""
+"""Runs one scenario in lockstep with a controller of its own, and watches every step."""
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import signal
@@ -23,6 +22,7 @@ from sim_bridge.poses import Array, quaternion_from_rotation, rotation_z
 from sim_bridge.run import Options, Outcome, Publication, Run, obeyed
 from sim_bridge.scene import Scene, load_scene
 from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
+from sim_bridge.settings import read_json
 from sim_bridge.world import World
 
 CLEARANCE_SEEN_M = 0.3
@@ -73,14 +73,11 @@ class WatchedRun(Run):
         self.pairs = watched_pairs(world)
         self.contacts: dict[str, float] = {}
         self.clearance = {"obstacle": math.inf, "table": math.inf, "self": math.inf}
-        self.shares = {"position": 0.0, "velocity": 0.0, "torque": 0.0}
+        self.limit_fractions = {"position": 0.0, "velocity": 0.0, "torque": 0.0}
         self.speed_max_rad_s = 0.0
         self.reasons: dict[str, float] = {}
         self.reason = Reason.NONE
         self.trace: list[tuple[float, ...]] = []
-        chain = world.chain
-        self.middle = 0.5 * (chain.position_max_rad + chain.position_min_rad)
-        self.half = 0.5 * (chain.position_max_rad - chain.position_min_rad)
 
     def publish_from(self, world: World) -> Publication:
         """As the scenario wants it."""
@@ -107,8 +104,8 @@ class WatchedRun(Run):
         super().step(now_ns, lateness_s)
         self.watch(time_s)
 
-    def _use(self, limit: str, shares: Array) -> None:
-        self.shares[limit] = max(self.shares[limit], float(np.max(shares)))
+    def _use(self, limit: str, fractions: Array) -> None:
+        self.limit_fractions[limit] = max(self.limit_fractions[limit], float(np.max(fractions)))
 
     def watch(self, time_s: float) -> None:
         """Looks at the world after a step."""
@@ -117,7 +114,7 @@ class WatchedRun(Run):
         speed = np.abs(velocity)
         self.speed_max_rad_s = max(self.speed_max_rad_s, float(np.max(speed)))
         self._use("velocity", speed / world.chain.velocity_max_rad_s)
-        self._use("position", np.abs(position - self.middle) / self.half)
+        self._use("position", world.chain.position_fraction(position))
         for contact in world.client.getContactPoints(world.arm):
             if contact[8] <= 0.0:
                 self._touched(*contact[1:5], time_s)
@@ -204,18 +201,17 @@ def run_job(job: Job) -> dict[str, object]:
             finally:
                 controller.send_signal(signal.SIGINT)
                 controller.wait(timeout=10.0)
-        said = log_file.read_text(encoding="utf-8")
+        output = log_file.read_text(encoding="utf-8")
         row = _row(run, scenario, outcome, run.log.finish(world.chain), grasp)
     except BridgeError as error:
-        said = log_file.read_text(encoding="utf-8") if log_file.exists() else ""
-        raise BridgeError(f"{job.experiment}, seed {job.seed}: {error}\n{said}") from error
+        output = log_file.read_text(encoding="utf-8") if log_file.exists() else ""
+        raise BridgeError(f"{job.experiment}, seed {job.seed}: {error}\n{output}") from error
     finally:
         world.close()
     try:
-        told = json.loads(summary.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise BridgeError(f"{summary}: the controller left no summary: {error}\n{said}") from error
-    row["allocations"] = told["allocations"]
+        row["allocations"] = read_json(summary)["allocations"]
+    except BridgeError as error:
+        raise BridgeError(f"the controller left no summary: {error}\n{output}") from error
     for file in (summary, log_file):
         file.unlink(missing_ok=True)
     return row
@@ -240,7 +236,7 @@ def _row(
         "orientation_error_deg": orientation,
         "contacts": run.contacts,
         "clearance_min_m": {key: _seen(value) for key, value in run.clearance.items()},
-        "limit_fractions": run.shares,
+        "limit_fractions": run.limit_fractions,
         "joint_speed_max_rad_s": run.speed_max_rad_s,
         "reason": run.reason.name.lower(),
         "reasons": {key: round(time_s, 3) for key, time_s in run.reasons.items()},
@@ -266,9 +262,9 @@ def harms(row: dict) -> list[str]:
         for what, time_s in row["contacts"].items()
         if not what.endswith(" box")
     ]
-    for limit, share in row["limit_fractions"].items():
-        if share > 1.0:
-            found.append(f"joint {limit} limit exceeded: {100.0 * share:.1f} %")
+    for limit, fraction in row["limit_fractions"].items():
+        if fraction > 1.0:
+            found.append(f"joint {limit} limit exceeded: {100.0 * fraction:.1f} %")
     return found
 
 

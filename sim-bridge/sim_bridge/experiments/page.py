@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from html import escape
 
+from sim_bridge import html
 from sim_bridge.experiments.verdict import Verdict
+from sim_bridge.html import INK
 
-GOOD, BAD, BALL, BOX, GOAL, INK = "#1b7f4b", "#b3261e", "#d98324", "#3b6fb6", "#7a3fb0", "#24292f"
+GOOD, BAD, BALL, BOX, GOAL = "#1b7f4b", "#b3261e", "#d98324", "#3b6fb6", "#7a3fb0"
 TITLES = {
     "pick": "Picks: moving ball, pushes, box at rest or on a circle",
     "panda": "The same skill on another arm (Franka Panda)",
@@ -15,30 +18,21 @@ TITLES = {
     "adversarial": "Frames where no goal should be",
     "singular": "Near singularities",
 }
-SHOWN_MAX = 12
+DRAWN_MAX = 12
 """Episodes that are drawn one by one, failures first."""
 LEGEND = (
-    "From above: the way of the tool, green, or red where the episode failed; the box, blue; the "
-    "ball where the arm is nearest to it, orange, its way dashed; the pushes, black, 20 cm long at "
-    "40 N; places of a false goal, violet; the base, grey. Below: clearance of the arm from the "
+    "From above: the path of the tool, green, or red where the episode failed; the box, blue; the "
+    "ball where the arm is nearest to it, orange, its path dashed; the pushes, black, 20 cm long "
+    "at 40 N; places of a false goal, violet; the base, grey. Below: clearance of the arm from the "
     "ball over time, marked where the controller reports blocked, red, or unreachable, violet."
 )
 
 _CSS = f"""
-:root {{ color-scheme: light; }}
-body {{ margin: 0; background: #f4f5f7; color: {INK};
-  font: 15px/1.5 "DejaVu Sans", "Segoe UI", Helvetica, Arial, sans-serif; }}
-main {{ max-width: 1120px; margin: 0 auto; padding: 28px 20px 60px; }}
-section {{ background: white; border: 1px solid #e1e4e8; border-radius: 10px;
-  padding: 18px 22px; margin: 0 0 20px; }}
-h1 {{ font-size: 26px; }} h2 {{ font-size: 19px; margin: 0 0 8px; }}
+h1 {{ font-size: 26px; }}
 h3 {{ font-size: 15px; margin: 16px 0 6px; }}
-table {{ border-collapse: collapse; width: 100%; }}
-td, th {{ padding: 5px 12px 5px 0; border-top: 1px solid #eceef1; text-align: left;
-  vertical-align: baseline; font-variant-numeric: tabular-nums; }}
 .yes {{ color: {GOOD}; font-weight: bold; }} .no {{ color: {BAD}; font-weight: bold; }}
 .pictures {{ display: flex; flex-wrap: wrap; gap: 14px; }}
-figure {{ margin: 0; }} figcaption {{ font-size: 13px; color: #4a5058; max-width: 340px; }}
+figcaption {{ font-size: 13px; color: #4a5058; max-width: 340px; }}
 svg text {{ font: 11px "DejaVu Sans", sans-serif; fill: {INK}; }}
 """
 
@@ -46,8 +40,6 @@ svg text {{ font: 11px "DejaVu Sans", sans-serif; fill: {INK}; }}
 def page(rows: list[dict], traces: list[list], found: list[Verdict], *, quick: bool) -> str:
     """The whole page."""
     parts = [
-        "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
-        f"<title>Experiments of the arm</title><style>{_CSS}</style></head><body><main>",
         "<h1>Experiments of the whole arm</h1>",
         f"<p>{len(rows)} episodes in pybullet, in lockstep{', a short look' if quick else ''}. "
         "Contacts of all links are taken from the physics at every step.</p>",
@@ -56,8 +48,7 @@ def page(rows: list[dict], traces: list[list], found: list[Verdict], *, quick: b
     for experiment in dict.fromkeys(row["experiment"] for row in rows):
         own = [(row, t) for row, t in zip(rows, traces) if row["experiment"] == experiment]
         parts.append(_section(experiment, own))
-    parts.append("</main></body></html>")
-    return "\n".join(parts)
+    return html.document("Experiments of the arm", _CSS, parts)
 
 
 def _verdict_table(found: list[Verdict]) -> str:
@@ -78,7 +69,7 @@ def _section(experiment: str, own: list[tuple[dict, list]]) -> str:
     parts = [f"<section><h2>{escape(TITLES.get(experiment, experiment))}</h2>", _kinds(rows)]
     least = [row["clearance_min_m"] for row in rows]
     parts.append("<div class='pictures'>")
-    parts.append(_figure(_top_view(own), "Way of the tool from above, all episodes."))
+    parts.append(_figure(_top_view(own), "Path of the tool from above, all episodes."))
     errors = [1e3 * row["position_error_m"] for row in rows if row["position_error_m"] is not None]
     near, own_near = (
         [1e3 * c[what] for c in least if c[what] is not None] for what in ("obstacle", "self")
@@ -95,16 +86,11 @@ def _section(experiment: str, own: list[tuple[dict, list]]) -> str:
     parts.append("</div>")
     failed = [row for row in rows if row["cause"] is not None]
     if failed:
-        parts.append("<h3>Failures</h3><table><tr><th>seed</th><th>kind</th><th>cause</th></tr>")
-        parts += [
-            f"<tr><td>{row['seed']}</td><td>{escape(row['kind'])}</td>"
-            f"<td>{escape(row['cause'])}</td></tr>"
-            for row in failed
-        ]
-        parts.append("</table>")
-    shown = sorted(own, key=lambda pair: pair[0]["cause"] is None)[:SHOWN_MAX]
+        lines = [(str(row["seed"]), row["kind"], row["cause"]) for row in failed]
+        parts.append(f"<h3>Failures</h3>{html.rows(lines, head=('seed', 'kind', 'cause'))}")
+    drawn = sorted(own, key=lambda pair: pair[0]["cause"] is None)[:DRAWN_MAX]
     parts.append(f"<h3>Episodes</h3><p>{escape(LEGEND)}</p><div class='pictures'>")
-    parts += [_figure(_episode(row, trace), _told(row)) for row, trace in shown]
+    parts += [_figure(_episode(row, trace), _outcome(row)) for row, trace in drawn]
     parts.append("</div></section>")
     return "\n".join(parts)
 
@@ -116,19 +102,11 @@ def _kinds(rows: list[dict]) -> str:
         picked = sum(row["picked"] for row in own)
         times = sorted(row["gripped_at_s"] for row in own if row["gripped_at_s"] is not None)
         median = f"{times[len(times) // 2]:.1f} s" if times else "–"
-        reasons: dict[str, int] = {}
-        for row in own:
-            for reason in row["reasons"]:
-                if reason != "none":
-                    reasons[reason] = reasons.get(reason, 0) + 1
-        told = ", ".join(f"{reason} in {count}" for reason, count in reasons.items()) or "–"
-        lines.append(
-            f"<tr><td>{escape(kind)}</td><td>{picked} of {len(own)}</td><td>{median}</td>"
-            f"<td>{escape(told)}</td></tr>"
-        )
-    return (
-        "<table><tr><th>kind</th><th>picked</th><th>gripped after (median)</th>"
-        f"<th>reasons reported on the way</th></tr>{''.join(lines)}</table>"
+        reasons = Counter(reason for row in own for reason in row["reasons"] if reason != "none")
+        reported = ", ".join(f"{reason} in {count}" for reason, count in reasons.items()) or "–"
+        lines.append((kind, f"{picked} of {len(own)}", median, reported))
+    return html.rows(
+        lines, head=("kind", "picked", "gripped after (median)", "reasons reported on the way")
     )
 
 
@@ -136,7 +114,7 @@ def _figure(svg: str, caption: str) -> str:
     return f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
 
 
-def _told(row: dict) -> str:
+def _outcome(row: dict) -> str:
     what = row["cause"] or f"picked at {row['gripped_at_s']:.1f} s"
     return f"seed {row['seed']}, {row['kind']}: {what}"
 
@@ -253,8 +231,8 @@ def _histogram(values: list[float], low: float, high: float, limit: float, bins:
     width, height = 340, 150
     counts = [0] * bins
     for value in values:
-        share = (min(max(value, low), high) - low) / (high - low)
-        counts[min(bins - 1, math.floor(bins * share))] += 1
+        fraction = (min(max(value, low), high) - low) / (high - low)
+        counts[min(bins - 1, math.floor(bins * fraction))] += 1
     top = max([1, *counts])
     step = (width - 20) / bins
     bars = "".join(

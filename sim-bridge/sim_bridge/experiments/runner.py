@@ -49,9 +49,10 @@ class Settings:
     controller: Path
     model: Path
     out: Path
-    first_seed: int
+    seed: int
+    """First seed of each experiment."""
     quick: bool
-    only: tuple[str, ...]
+    only: list[str]
     workers: int
 
 
@@ -65,7 +66,7 @@ def experiments(settings: Settings) -> int:
         if settings.only and experiment.name not in settings.only:
             continue
         count = experiment.quick_count if settings.quick else experiment.count
-        seeds = range(settings.first_seed, settings.first_seed + count)
+        seeds = range(settings.seed, settings.seed + count)
         print(f"{experiment.name}: {count} scenarios, seeds {seeds[0]} to {seeds[-1]}")
         jobs += [_job(settings, experiment, seed) for seed in seeds]
     began = time.monotonic()
@@ -87,7 +88,7 @@ def experiments(settings: Settings) -> int:
     (settings.out / "arm.json").write_text(text + "\n", encoding="utf-8")
     html = page(rows, traces, found, quick=settings.quick)
     (settings.out / "arm.html").write_text(html, encoding="utf-8")
-    _tell(rows, found, took_s, settings.out)
+    _print_summary(rows, found, took_s, settings.out)
     return 0 if all(verdict.holds for verdict in found) else 1
 
 
@@ -133,7 +134,7 @@ def _run(jobs: list[Job], workers: int) -> list[dict]:
     return rows
 
 
-def _tell(rows: list[dict], found: list[Verdict], took_s: float, out: Path) -> None:
+def _print_summary(rows: list[dict], found: list[Verdict], took_s: float, out: Path) -> None:
     print(f"\n{len(rows)} episodes in {took_s / 60.0:.1f} min")
     for verdict in found:
         holds = "holds" if verdict.holds else "FAILS"

@@ -1,7 +1,7 @@
 """Draws the scenarios. What is drawn depends on experiment and seed alone, never on an outcome.
 
 A **pick**: the box stands, or moves on a circle of at most 0.15 m at up to 0.3π rad/s, yaw ±60°. A
-ball of 0.04 to 0.10 m radius passes the way of the tool at 0.05 to 0.25 m/s: it crosses once on
+ball of 0.04 to 0.10 m radius passes the path of the tool at 0.05 to 0.25 m/s: it crosses once on
 a line, or swings to and fro. The arm is pushed at a random link by up to 40 N for 0.2 s, once to
 three times. Of the ball is drawn anew what no arm could do anything about:
 
@@ -24,7 +24,7 @@ import numpy as np
 
 from sim_bridge.kinematics import Chain, segment_poses
 from sim_bridge.poses import Array
-from sim_bridge.scene import Motion, Scene
+from sim_bridge.scene import BoxOnCircle, Motion, Scene
 
 BONE_CLEARANCE_M = 0.18
 BASE_CLEARANCE_M = 0.25
@@ -108,7 +108,7 @@ class FalseGoal:
 
 
 @dataclass(frozen=True)
-class Scenario:
+class Scenario(BoxOnCircle):
     """What happens in one episode. Has what `World` asks of an episode."""
 
     experiment: str
@@ -124,14 +124,6 @@ class Scenario:
     ball: Ball
     pushes: tuple[Push, ...] = ()
     false_goal: FalseGoal | None = field(default=None)
-
-    def object_motion(self, time_s: float) -> Motion:
-        """Where the box is."""
-        w, r = self.circle_speed_rad_s, self.circle_radius_m
-        angle = self.circle_phase_rad + w * time_s
-        c, s = r * math.cos(angle), r * math.sin(angle)
-        x, y, z = self.circle_centre_m
-        return Motion((x + c, y + s, z), self.object_yaw_rad, (-w * s, w * c, 0.0))
 
     def sphere_motion(self, time_s: float) -> Motion:
         """Where the ball is."""
@@ -181,8 +173,8 @@ def distance_from_line(point: Array, corners: Array) -> float:
     for a, b in zip(corners[:-1], corners[1:]):
         along = b - a
         square = float(along @ along)
-        share = min(1.0, max(0.0, float((point - a) @ along) / square)) if square > 0.0 else 0.0
-        least = min(least, float(np.linalg.norm(point - a - share * along)))
+        fraction = min(1.0, max(0.0, float((point - a) @ along) / square)) if square > 0.0 else 0.0
+        least = min(least, float(np.linalg.norm(point - a - fraction * along)))
     return least
 
 
@@ -207,23 +199,23 @@ def _ball(scene: Scene, generator: random.Random, tool: Array, scenario: Scenari
     lowest = box.table_gap_m + box.size_m[2] + BOX_CLEARANCE_M[motion] + radius
     passes = generator.uniform(1.0, 3.0)
     goal = np.array(scenario.object_motion(passes).position_m)
-    share = generator.uniform(0.2, 0.8 if motion == "crosses" else 0.5)
-    on_the_way = tool + share * (goal - tool)
-    x, y = (p + generator.uniform(-0.05, 0.05) for p in on_the_way[:2])
+    fraction = generator.uniform(0.2, 0.8 if motion == "crosses" else 0.5)
+    on_the_path = tool + fraction * (goal - tool)
+    x, y = (p + generator.uniform(-0.05, 0.05) for p in on_the_path[:2])
     z = lowest + generator.uniform(0.0, 0.2)
     speed = generator.uniform(0.05, 0.25)
     heading = generator.uniform(0.0, 2.0 * math.pi)
     velocity = (speed * math.cos(heading), speed * math.sin(heading), 0.0)
     # Of a swing this makes the amplitude.
-    turns = speed / generator.uniform(0.08, 0.2)
-    return Ball(motion, radius, (x, y, z), velocity, passes, turns)
+    speed_rad_s = speed / generator.uniform(0.08, 0.2)
+    return Ball(motion, radius, (x, y, z), velocity, passes, speed_rad_s)
 
 
 def _push(generator: random.Random) -> Push:
     size = generator.uniform(10.0, 40.0)
-    turn, height = generator.uniform(0.0, 2.0 * math.pi), generator.uniform(-1.0, 1.0)
+    heading, height = generator.uniform(0.0, 2.0 * math.pi), generator.uniform(-1.0, 1.0)
     flat = size * math.sqrt(1.0 - height * height)
-    force = (flat * math.cos(turn), flat * math.sin(turn), size * height)
+    force = (flat * math.cos(heading), flat * math.sin(heading), size * height)
     return Push(generator.uniform(0.3, 5.0), 0.2, generator.randrange(100), force)
 
 
@@ -241,14 +233,14 @@ def _adversarial(
     kind = GOALS[seed % len(GOALS)]
     scenario = _quiet(scene, robot, "adversarial", kind, seed, generator)
     bones = arm_bones(chain, scenario.home_rad)
-    turn = generator.uniform(0.0, 2.0 * math.pi)
+    heading = generator.uniform(0.0, 2.0 * math.pi)
     height = generator.uniform(0.03, 0.4)
     yaw = generator.uniform(-math.pi / 3.0, math.pi / 3.0)
     change = 100.0
     yaws = (yaw,)
     if kind == "out of reach":
         r = generator.uniform(1.3, 2.5)
-        places = ((r * math.cos(turn), r * math.sin(turn), height),)
+        places = ((r * math.cos(heading), r * math.sin(heading), height),)
     elif kind == "inside an obstacle":
         x, y = generator.uniform(0.35, 0.55), generator.uniform(0.0, 0.25)
         radius = generator.uniform(0.06, 0.10)
@@ -258,8 +250,8 @@ def _adversarial(
         places = ((x + next(off), y + next(off), z + next(off)),)
     elif kind == "inside the robot":
         k = generator.randrange(1, len(bones) - 1)
-        share = generator.random()
-        x, y, z = (1.0 - share) * bones[k] + share * bones[k - 1]
+        fraction = generator.random()
+        x, y, z = (1.0 - fraction) * bones[k] + fraction * bones[k - 1]
         places = ((float(x), float(y), float(z)),)
     elif kind == "behind the base":
         places = ((generator.uniform(-0.6, -0.3), generator.uniform(-0.3, 0.3), height),)
@@ -297,8 +289,8 @@ def _singular(
         wrist_2 = generator.uniform(0.2, 0.6)
     else:
         # Where an arm whose wrist points down is stretched, or just is not.
-        reach, turn = generator.uniform(0.72, 0.88), generator.uniform(-0.9, 0.2)
-        x, y = reach * math.cos(turn), reach * math.sin(turn)
+        reach, heading = generator.uniform(0.72, 0.88), generator.uniform(-0.9, 0.2)
+        x, y = reach * math.cos(heading), reach * math.sin(heading)
         scenario = replace(
             scenario,
             circle_radius_m=0.0,

@@ -30,14 +30,14 @@ def verdicts(rows: list[dict]) -> list[Verdict]:
         own = [row for row in rows if row["experiment"] == experiment]
         count = len(own)
 
-        def share(good: int, of: int) -> str:
+        def fraction(good: int, of: int) -> str:
             return f"{good} of {of} ({100.0 * good / of:.1f} %)"
 
         if experiment in PICKED_MIN:
             least = PICKED_MIN[experiment]
             good = sum(row["exact"] for row in own)
             must = f"at least {100.0 * least:g} % picked, within 5 mm and 2°"
-            found.append(Verdict(experiment, must, share(good, count), good >= least * count))
+            found.append(Verdict(experiment, must, fraction(good, count), good >= least * count))
         touched = sum(any("contact" in harm for harm in harms(row)) for row in own)
         must = "no contact of a link with obstacle, table or the arm itself"
         found.append(Verdict(experiment, must, f"{touched} with one", touched == 0))
@@ -46,20 +46,20 @@ def verdicts(rows: list[dict]) -> list[Verdict]:
         found.append(Verdict(experiment, must, f"{beyond} with one", beyond == 0))
         if experiment == "adversarial":
             asked = [row for row in own if row["kind"] in NEED_A_REASON]
-            told = sum(any(reason in row["reasons"] for reason in REPORTED) for row in asked)
+            reported = sum(any(reason in row["reasons"] for reason in REPORTED) for row in asked)
             must = "a goal that cannot be reached is reported, blocked or unreachable"
             if asked:
-                told_fraction = share(told, len(asked))
-                found.append(Verdict(experiment, must, told_fraction, told == len(asked)))
+                measured = fraction(reported, len(asked))
+                found.append(Verdict(experiment, must, measured, reported == len(asked)))
             picked = sum(row["picked"] for row in own)
             live = sum(row["picked"] or row["reason"] in REPORTED for row in own)
             must = "it goes on once the goal is at the box: picks it, or waits and says so"
-            measured = f"{share(live, count)}, {picked} of them picked"
+            measured = f"{fraction(live, count)}, {picked} of them picked"
             found.append(Verdict(experiment, must, measured, live == count))
         if experiment == "singular":
-            told = sum(row["picked"] or row["reason"] in REPORTED for row in own)
+            reported = sum(row["picked"] or row["reason"] in REPORTED for row in own)
             must = "passes and picks, or waits and says so"
-            found.append(Verdict(experiment, must, share(told, count), told == count))
+            found.append(Verdict(experiment, must, fraction(reported, count), reported == count))
         allocations = sum(row["allocations"] for row in own)
         must = "no heap allocation in the controller's loop"
         found.append(Verdict(experiment, must, str(allocations), allocations == 0))

@@ -11,18 +11,17 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from sim_bridge import report_page as page
-from sim_bridge import report_plots as plots
 from sim_bridge.errors import BridgeError
-from sim_bridge.pictures import Stage, animation, png_below, stamp, tile
-from sim_bridge.report_figures import Run, load_run, result, table
-from sim_bridge.report_page import Figure
+from sim_bridge.report import page, plots
+from sim_bridge.report.figures import Run, load_run, result, table
+from sim_bridge.report.page import Figure
+from sim_bridge.report.pictures import Stage, animation, png_below, stamp, tile
 
 RESULT_FILE = "result.json"
 PAGE_FILE = "report.html"
 PICTURE_FILE = "demo.png"
 PICTURE_BYTES_MAX = 300_000
-# Longer runs are shown faster than in real time.
+# Longer runs play faster than in real time.
 FRAME_TIME_MAX_S = 0.2
 LAST_FRAME_S = 1.5
 
@@ -128,27 +127,23 @@ def _draw(run: Run, values: dict, detail: Detail) -> tuple[list[Figure], bytes]:
     finally:
         stage.close()
 
-    def stamped(rows: dict[int, str], share: float) -> list[Image.Image]:
-        size = round(share * detail.width)
+    def stamped(rows: dict[int, str], fraction: float) -> list[Image.Image]:
+        size = round(fraction * detail.width)
         return [stamp(pictures[row], time_s[row], note, size) for row, note in rows.items()]
 
     frames = stamped(dict.fromkeys(frame_rows, ""), 0.04)
-    # Four side by side are shown smaller than three.
+    # Four side by side are smaller than three.
     sheet = tile(stamped(stills, 0.062), 4)
     picture = tile(stamped(few, 0.05), 3)
     duration_s = float(time_s[-1] - time_s[0])
     frame_s = duration_s / max(1, len(frames) - 1)
-    shown_s = min(max(round(frame_s, 2), 0.02), FRAME_TIME_MAX_S)
+    picture_s = min(max(round(frame_s, 2), 0.02), FRAME_TIME_MAX_S)
+    sheet_png = png_below(sheet, 900_000)
+    gif = animation(frames, picture_s, LAST_FRAME_S)
+    speed = frame_s / picture_s
     figures = [
-        Figure(
-            "The motion in pictures", png_below(sheet, 900_000), "png", page.motion_caption(run)
-        ),
-        Figure(
-            "The motion",
-            animation(frames, shown_s, LAST_FRAME_S),
-            "gif",
-            page.animation_caption(frame_s / shown_s),
-        ),
+        Figure("The motion in pictures", sheet_png, "png", page.motion_caption(run)),
+        Figure("The motion", gif, "gif", page.animation_caption(speed)),
         *_plots(run, values),
     ]
     return figures, png_below(picture, PICTURE_BYTES_MAX)
@@ -164,25 +159,18 @@ def _render(stage: Stage, rows: Sequence[int]) -> dict[int, Image.Image]:
 
 
 def _plots(run: Run, values: dict) -> list[Figure]:
-    log = run.log
-    torque_caption = page.limits_caption(run, "torque", log["torque_n_m"], run.effort_max_n_m)
-    velocity_caption = page.limits_caption(
-        run, "velocity", log["velocity_rad_s"], run.velocity_max_rad_s
+    torque = page.limits_caption(run, "torque", run.log["torque_n_m"], run.effort_max_n_m)
+    velocity = page.limits_caption(
+        run, "velocity", run.log["velocity_rad_s"], run.velocity_max_rad_s
     )
-    figures = [
-        Figure("The path of the tool", plots.path(run), "png", page.path_caption(run)),
-        Figure(
-            "Errors against the demonstrated grasp",
-            plots.errors(run),
-            "png",
-            page.errors_caption(run),
-        ),
-        Figure("Clearances", plots.clearance(run), "png", page.clearance_caption(run)),
-        Figure("Joint torques", plots.torques(run), "png", torque_caption),
-        Figure("Joint velocities", plots.velocities(run), "png", velocity_caption),
+    drawn = [
+        ("The path of the tool", plots.path(run), page.path_caption(run)),
+        ("Errors against the demonstrated grasp", plots.errors(run), page.errors_caption(run)),
+        ("Clearances", plots.clearance(run), page.clearance_caption(run)),
+        ("Joint torques", plots.torques(run), torque),
+        ("Joint velocities", plots.velocities(run), velocity),
     ]
     histogram = plots.latencies(run)
     if histogram is not None:
-        caption = page.latencies_caption(values)
-        figures.append(Figure("Times of the controller", histogram, "png", caption))
-    return figures
+        drawn.append(("Times of the controller", histogram, page.latencies_caption(values)))
+    return [Figure(heading, png, "png", caption) for heading, png, caption in drawn]

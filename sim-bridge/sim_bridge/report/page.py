@@ -8,40 +8,30 @@ from html import escape
 
 import numpy as np
 
+from sim_bridge import html
 from sim_bridge.evaluate import DISTANCE_MAX_M
-from sim_bridge.pictures import INK, OBJECT_COLOUR, SPHERE_COLOUR, TABLE_COLOUR, TOOL_COLOUR
 from sim_bridge.poses import Array
-from sim_bridge.report_figures import BODIES, Run, demonstrated_path, plain
-from sim_bridge.report_plots import DEMONSTRATION_COLOUR, SELF_COLOUR
+from sim_bridge.report.figures import BODIES, Run, demonstrated_path, plain
+from sim_bridge.report.pictures import OBJECT_COLOUR, SPHERE_COLOUR, TABLE_COLOUR, TOOL_COLOUR
+from sim_bridge.report.plots import DEMONSTRATION_COLOUR, SELF_COLOUR
 
 _CSS = f"""
-:root {{ color-scheme: light; }}
-* {{ box-sizing: border-box; }}
-body {{ margin: 0; background: #f4f5f7; color: {INK}; line-height: 1.5;
-  font: 16px/1.5 "DejaVu Sans", "Segoe UI", Helvetica, Arial, sans-serif; }}
-main {{ max-width: 1080px; margin: 0 auto; padding: 32px 20px 64px; }}
 h1 {{ font-size: 28px; margin: 0 12px 0 0; display: inline-block; }}
-h2 {{ font-size: 20px; margin: 0 0 10px; }}
 .badge {{ display: inline-block; padding: 3px 14px; border-radius: 16px; color: white;
   font-weight: bold; vertical-align: 5px; }}
 .yes {{ background: {OBJECT_COLOUR}; }}
 .no {{ background: #b3261e; }}
 .lead {{ margin: 6px 0 22px; color: #4a5058; }}
-section {{ background: white; border: 1px solid #e1e4e8; border-radius: 10px;
-  padding: 20px 24px; margin: 0 0 22px; }}
 .failures {{ border-color: #b3261e; background: #fdf3f2; }}
 .failures ul {{ margin: 0; padding-left: 20px; }}
-table {{ border-collapse: collapse; width: 100%; }}
-td {{ padding: 7px 14px 7px 0; border-top: 1px solid #eceef1; vertical-align: baseline; }}
 tr:first-child td {{ border-top: 0; }}
-td.value {{ font-weight: bold; white-space: nowrap; font-variant-numeric: tabular-nums; }}
-td.remark {{ color: #5b626c; font-size: 14.5px; }}
+td:nth-child(2) {{ font-weight: bold; white-space: nowrap; }}
+td:nth-child(3) {{ color: #5b626c; font-size: 14.5px; }}
 img {{ display: block; max-width: 100%; height: auto; margin: 0 auto; border-radius: 4px; }}
-figure {{ margin: 0; }}
 figcaption {{ margin-top: 12px; color: #3a4048; }}
 .key {{ display: inline-block; width: 12px; height: 12px; border-radius: 3px;
   margin: 0 5px 0 2px; vertical-align: -1px; }}
-@media (max-width: 640px) {{ td.remark {{ display: none; }} }}
+@media (max-width: 640px) {{ td:nth-child(3) {{ display: none; }} }}
 """
 
 
@@ -61,30 +51,21 @@ def page(run: Run, values: dict, rows: list[tuple[str, str, str]], figures: list
     title = f"{run.scene.task.skill.capitalize()}, seed {values['seed']}"
     badge = ("yes", "succeeded") if values["success"] else ("no", "failed")
     parts = [
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n',
-        f"<title>{escape(title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n<main>\n",
-        f'<h1>{escape(title)}</h1><span class="badge {badge[0]}">{badge[1]}</span>\n',
-        f'<p class="lead">{escape(_lead(run))}</p>\n',
+        f'<h1>{escape(title)}</h1><span class="badge {badge[0]}">{badge[1]}</span>',
+        f'<p class="lead">{escape(_lead(run))}</p>',
     ]
     if not values["success"]:
         items = "".join(f"<li>{escape(sentence)}</li>" for sentence in values["failures"])
-        parts.append(f'<section class="failures"><h2>What failed</h2><ul>{items}</ul></section>\n')
-    cells = "".join(
-        f'<tr><td>{escape(name)}</td><td class="value">{escape(value)}</td>'
-        f'<td class="remark">{escape(remark)}</td></tr>\n'
-        for name, value, remark in rows
-    )
-    parts.append(f"<section><h2>The run in figures</h2>\n<table>\n{cells}</table></section>\n")
+        parts.append(f'<section class="failures"><h2>What failed</h2><ul>{items}</ul></section>')
+    parts.append(f"<section><h2>The run in figures</h2>\n{html.rows(rows)}</section>")
     for figure in figures:
         data = base64.b64encode(figure.image).decode("ascii")
         parts.append(
             f"<section><h2>{escape(figure.heading)}</h2>\n<figure>"
             f'<img alt="{escape(figure.heading)}" src="data:image/{figure.kind};base64,{data}">'
-            f"\n<figcaption>{figure.caption}</figcaption></figure></section>\n"
+            f"\n<figcaption>{figure.caption}</figcaption></figure></section>"
         )
-    parts.append("</main>\n</body>\n</html>\n")
-    return "".join(parts)
+    return html.document(title, _CSS, parts)
 
 
 def _lead(run: Run) -> str:
@@ -129,9 +110,9 @@ def path_caption(run: Run) -> str:
     end = "ends" if run.gripped_row is None else "ends at the grip,"
     return (
         f"The path of the cup as seen from the box ({_key(OBJECT_COLOUR, 'green')}), which moves "
-        f"and turns with its frame. This run ({_key(TOOL_COLOUR, 'blue')}) {end} {off:.2f} mm from "
-        f"where the {len(tips)} demonstrations ({_key(DEMONSTRATION_COLOUR, 'grey')}) end in the "
-        f"mean; these end within {spread:.2f} mm of it."
+        f"and rotates with its frame. This run ({_key(TOOL_COLOUR, 'blue')}) {end} {off:.2f} mm "
+        f"from where the {len(tips)} demonstrations ({_key(DEMONSTRATION_COLOUR, 'grey')}) end in "
+        f"the mean; these end within {spread:.2f} mm of it."
     )
 
 
@@ -159,18 +140,18 @@ def clearance_caption(run: Run) -> str:
     ]
     return (
         f"The least distances: {', '.join(parts)}. Links that follow each other in the chain touch "
-        "by design and are left out, so is the first link, which turns on the table; distances "
+        "by design and are left out, so is the first link, which rotates on the table; distances "
         f"above {1e3 * DISTANCE_MAX_M:.0f} mm are not measured."
     )
 
 
 def limits_caption(run: Run, name: str, values: Array, limits: Array) -> str:
     """For the small multiples of torques and velocities."""
-    share = np.abs(values) / limits
-    if np.all(np.isnan(share)):
+    fractions = np.abs(values) / limits
+    if np.all(np.isnan(fractions)):
         return "The arm was braked all the time."
-    joint = int(np.nanargmax(np.nanmax(np.nan_to_num(share, nan=0.0), axis=0)))
-    used = 100.0 * float(np.nanmax(share[:, joint]))
+    joint = int(np.nanargmax(np.nanmax(np.nan_to_num(fractions, nan=0.0), axis=0)))
+    used = 100.0 * float(np.nanmax(fractions[:, joint]))
     nearest = plain(run.joint_names[joint])
     return (
         f"Every joint's {name} against its limit (dashed). The joint nearest to it is "

@@ -17,6 +17,7 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
+from sim_bridge.html import INK
 from sim_bridge.kinematics import load_chain
 from sim_bridge.log import Log
 from sim_bridge.poses import Array
@@ -30,7 +31,6 @@ TOOL_COLOUR = "#0072b2"
 OBJECT_COLOUR = "#009e73"
 SPHERE_COLOUR = "#d55e00"
 TABLE_COLOUR = "#8a6d3b"
-INK = "#23262b"
 
 TABLE_SHADE = (226, 222, 212)
 BACKGROUND_SHADE = (246, 247, 249)
@@ -120,7 +120,7 @@ class Stage:
         self._ground_depth[outside] = -np.inf
 
     def close(self) -> None:
-        """Lets go of the renderer."""
+        """Disconnects from the renderer."""
         self.client.disconnect()
 
     def _load(self, scene: Scene) -> None:
@@ -292,12 +292,12 @@ def animation(pictures: Sequence[Image.Image], frame_s: float, last_s: float) ->
 def png_below(picture: Image.Image, bytes_max: int) -> bytes:
     """A PNG of at most `bytes_max` bytes: with a palette, and then smaller, if it must be."""
     content = _png(picture)
-    share = 1.0
-    while len(content) > bytes_max and share > 0.2:
-        size = (round(share * picture.width), round(share * picture.height))
-        smaller = picture if share == 1.0 else picture.resize(size, Image.Resampling.LANCZOS)
+    fraction = 1.0
+    while len(content) > bytes_max and fraction > 0.2:
+        size = (round(fraction * picture.width), round(fraction * picture.height))
+        smaller = picture if fraction == 1.0 else picture.resize(size, Image.Resampling.LANCZOS)
         content = _png(smaller.quantize(256, dither=Image.Dither.NONE))
-        share -= 0.1
+        fraction -= 0.1
     return content
 
 

@@ -17,9 +17,10 @@ from matplotlib.patches import Rectangle
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
-from sim_bridge.pictures import INK, OBJECT_COLOUR, SPHERE_COLOUR, TABLE_COLOUR, TOOL_COLOUR
+from sim_bridge.html import INK
 from sim_bridge.poses import Array
-from sim_bridge.report_figures import Run, demonstrated_path, plain
+from sim_bridge.report.figures import Run, demonstrated_path, plain
+from sim_bridge.report.pictures import OBJECT_COLOUR, SPHERE_COLOUR, TABLE_COLOUR, TOOL_COLOUR
 
 DEMONSTRATION_COLOUR = "#a3a9b2"
 SELF_COLOUR = "#8e4c9e"
@@ -108,21 +109,21 @@ def path(run: Run) -> bytes:
     end = max(end, 2)
     own = 1e3 * run.path_in_object_m[:end][_thin(end)]
     goal_frame = run.scene.task.goal_frame
-    shown = [1e3 * demonstrated_path(d, goal_frame) for d in run.demonstrations]
+    demonstrated = [1e3 * demonstrated_path(d, goal_frame) for d in run.demonstrations]
     half = 500.0 * np.array(run.scene.object.size_m)
     with _figure(8.2) as (figure, png):
         grid = figure.add_gridspec(2, 2, height_ratios=[1.3, 1.0])
         # Placed by hand: the layout would leave much room around a view in three dimensions.
         space = figure.add_axes((0.08, 0.42, 0.84, 0.64), projection="3d")
-        _space(space, own, shown, half)
+        _space(space, own, demonstrated, half)
         views = ((grid[1, 0], 0, 1, "From above"), (grid[1, 1], 1, 2, "From the side"))
         for cell, across, up, title in views:
-            _projection(figure.add_subplot(cell), own, shown, half, (across, up), title)
+            _projection(figure.add_subplot(cell), own, demonstrated, half, (across, up), title)
     return png[0]
 
 
-def _space(axes: Axes, own: Array, shown: list[Array], half: Array) -> None:
-    for index, points in enumerate(shown):
+def _space(axes: Axes, own: Array, demonstrated: list[Array], half: Array) -> None:
+    for index, points in enumerate(demonstrated):
         label = "demonstrations" if index == 0 else None
         axes.plot(*points.T, color=DEMONSTRATION_COLOUR, linewidth=1.2, label=label)
     axes.plot(*own.T, color=TOOL_COLOUR, linewidth=2.4, label="this run")
@@ -136,7 +137,7 @@ def _space(axes: Axes, own: Array, shown: list[Array], half: Array) -> None:
     axes.add_collection3d(
         Poly3DCollection(faces, facecolor=OBJECT_COLOUR, alpha=0.35, edgecolor=OBJECT_COLOUR)
     )
-    everything = np.vstack([own, *shown, [half, -half]])
+    everything = np.vstack([own, *demonstrated, [half, -half]])
     low, high = everything.min(axis=0), everything.max(axis=0)
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
@@ -154,10 +155,15 @@ def _space(axes: Axes, own: Array, shown: list[Array], half: Array) -> None:
 
 
 def _projection(
-    axes: Axes, own: Array, shown: list[Array], half: Array, plane: tuple[int, int], title: str
+    axes: Axes,
+    own: Array,
+    demonstrated: list[Array],
+    half: Array,
+    plane: tuple[int, int],
+    title: str,
 ) -> None:
     across, up = plane
-    for points in shown:
+    for points in demonstrated:
         axes.plot(points[:, across], points[:, up], color=DEMONSTRATION_COLOUR, linewidth=1.2)
     corner, size = (-half[across], -half[up]), (2.0 * half[across], 2.0 * half[up])
     axes.add_patch(
@@ -276,8 +282,10 @@ def _joints(
                 axes.plot(time_s[thin], other[1][thin, joint], label=other[0], **style)
             style = {"color": TOOL_COLOUR, "linewidth": 1.5}
             axes.plot(time_s[thin], main[1][thin, joint], label=main[0], **style)
-            share = np.abs(main[1][:, joint]) / limit
-            used = "none" if np.all(np.isnan(share)) else f"up to {100 * np.nanmax(share):.0f} %"
+            fraction = np.abs(main[1][:, joint]) / limit
+            used = (
+                "none" if np.all(np.isnan(fraction)) else f"up to {100 * np.nanmax(fraction):.0f} %"
+            )
             name = plain(run.joint_names[joint])
             axes.set_title(f"{name}: {used}")
             half = 1.15 * max(limit, _largest(main[1][:, joint]))
@@ -301,7 +309,7 @@ def latencies(run: Run) -> bytes | None:
     if run.controller is None or not run.controller["histograms"]["tick_us"]:
         return None
     found = run.controller["histograms"]
-    shown = (
+    histograms = (
         ("tick_us", "computing time of a tick", TOOL_COLOUR),
         ("wake_up_us", "lateness of the wake-up", TABLE_COLOUR),
         ("state_age_us", "age of the state at its use", SELF_COLOUR),
@@ -309,7 +317,7 @@ def latencies(run: Run) -> bytes | None:
     with _figure(4.2) as (figure, png):
         axes = figure.subplots()
         largest = 1.0
-        for key, name, colour in shown:
+        for key, name, colour in histograms:
             if not found[key]:
                 continue
             upper, counts = np.array(found[key], dtype=float).T

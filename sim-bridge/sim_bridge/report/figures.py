@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,21 +10,17 @@ import numpy as np
 
 from sim_bridge.demonstrations import Demonstration, demonstrated_grasp, read_demonstration
 from sim_bridge.errors import BridgeError
-from sim_bridge.evaluate import clearances, evaluate
+from sim_bridge.evaluate import clearances, evaluate, tool_in_object
 from sim_bridge.log import BRIDGE_FILE, LOG_FILE, Log, load
 from sim_bridge.messages import GripperState
-from sim_bridge.poses import (
-    Array,
-    inverse,
-    quaternion_from_rotation,
-    rotation_from_quaternion,
-)
+from sim_bridge.poses import Array, inverse, vector_from_rotation
 from sim_bridge.scene import Scene, draw_episode, load_scene
+from sim_bridge.settings import read_json
 from sim_bridge.world import World
 
 CONTROLLER_FILE = "controller.json"
 TIMES = ("tick_us", "wake_up_us", "state_age_us")
-BODIES = ("sphere", "table", "self")
+BODIES = {"sphere": "the sphere", "table": "the table", "self": "itself"}
 LIMITS = ("position", "velocity", "torque")
 
 
@@ -79,7 +74,9 @@ def load_run(folder: Path) -> Run:
     finally:
         world.close()
     rows = [row for row, _ in replay]
-    position_error, orientation_error, path = grasp_errors(log, grasp)
+    x_oe = np.array([tool_in_object(log, row) for row in range(len(log["time_s"]))])
+    error = inverse(grasp) @ x_oe
+    angles = [np.linalg.norm(vector_from_rotation(x[:3, :3])) for x in error]
     return Run(
         scene=scene,
         log=log,
@@ -91,9 +88,9 @@ def load_run(folder: Path) -> Run:
         judged=judged,
         clearance_time_s=log["time_s"][rows],
         clearance_m={body: np.array([now[body][0] for _, now in replay]) for body in BODIES},
-        position_error_m=position_error,
-        orientation_error_rad=orientation_error,
-        path_in_object_m=path,
+        position_error_m=np.linalg.norm(error[:, :3, 3], axis=1),
+        orientation_error_rad=np.array(angles),
+        path_in_object_m=x_oe[:, :3, 3],
         joint_names=chain.joint_names,
         velocity_max_rad_s=chain.velocity_max_rad_s,
         effort_max_n_m=chain.effort_max_n_m,
@@ -151,12 +148,9 @@ def _check_shapes(file: Path, log: Log, joint_count: int) -> None:
 
 def _load_controller(file: Path) -> dict | None:
     """The controller's summary; `None` when there is none."""
-    try:
-        summary = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not file.exists():
         return None
-    except (OSError, ValueError) as error:
-        raise BridgeError(f"{file}: cannot be read as the controller's summary: {error}") from error
+    summary = read_json(file)
     if not isinstance(summary, dict):
         raise BridgeError(f"{file}: expected an object, found {type(summary).__name__}")
     for key in ("ticks", "deadline_misses", "allocations"):
@@ -188,35 +182,6 @@ def _are_buckets(value: object) -> bool:
     )
 
 
-def grasp_errors(log: Log, grasp: Array) -> tuple[Array, Array, Array]:
-    """Distance [m] and angle [rad] of the tool from `grasp`, and the tip in the object frame [m].
-
-    All rows at once; the angle is that of the relative quaternion, 2 atan2(|v|, |w|).
-    """
-    r_ob = np.array([rotation_from_quaternion(q).T for q in log["object_quaternion_wxyz"]])
-    offset = log["tool_position_m"] - log["object_position_m"]
-    path = np.einsum("nij,nj->ni", r_ob, offset)
-    goal = quaternion_from_rotation(grasp[:3, :3])
-    # q_error = q_goal* ⊗ q_object* ⊗ q_tool
-    error = _product(
-        _conjugate(goal)[None],
-        _product(_conjugate(log["object_quaternion_wxyz"]), log["tool_quaternion_wxyz"]),
-    )
-    angle = 2.0 * np.arctan2(np.linalg.norm(error[:, 1:], axis=1), np.abs(error[:, 0]))
-    return np.linalg.norm(path - grasp[:3, 3], axis=1), angle, path
-
-
-def _conjugate(quaternion: Array) -> Array:
-    return quaternion * [1.0, -1.0, -1.0, -1.0]
-
-
-def _product(a: Array, b: Array) -> Array:
-    """Hamilton product, row by row."""
-    w = a[:, :1] * b[:, :1] - np.sum(a[:, 1:] * b[:, 1:], axis=1, keepdims=True)
-    v = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])
-    return np.hstack([w, v])
-
-
 def demonstrated_path(demonstration: Demonstration, goal_frame: str) -> Array:
     """The demonstrated tip in the goal frame [m]."""
     x_ob = inverse(demonstration.frames[goal_frame])
@@ -246,19 +211,7 @@ def failures(run: Run) -> list[str]:
             f"The box was held up for {judged['held_s']:.2f} s, not for the wanted "
             f"{task.hold_time_s:.2f} s."
         )
-    touched = {
-        "sphere": judged["sphere_touched"],
-        "table": judged["clearance_table_m"] <= 0.0,
-        "self": judged["clearance_self_m"] <= 0.0,
-    }
-    names = {"sphere": "the sphere", "table": "the table", "self": "itself"}
-    for body, contact in touched.items():
-        if contact:
-            where = plain(judged[f"clearance_{body}_where"])
-            least = 1e3 * judged[f"clearance_{body}_m"]
-            sentences.append(
-                f"The arm touched {names[body]} (least distance {least:.1f} mm: {where})."
-            )
+    sentences += _contacts(judged)
     for limit in LIMITS:
         used = judged[f"{limit}_limit_used"]
         if used is not None and used > 1.0:
@@ -269,6 +222,18 @@ def failures(run: Run) -> list[str]:
     sentences += _controller_failures(run)
     if not sentences and not judged["success"]:
         sentences.append("The run was judged a failure.")
+    return sentences
+
+
+def _contacts(judged: dict) -> list[str]:
+    sentences = []
+    for body in BODIES:
+        least = 1e3 * judged[f"clearance_{body}_m"]
+        if judged["sphere_touched"] if body == "sphere" else least <= 0.0:
+            where = plain(judged[f"clearance_{body}_where"])
+            sentences.append(
+                f"The arm touched {BODIES[body]} (least distance {least:.1f} mm: {where})."
+            )
     return sentences
 
 
@@ -326,62 +291,51 @@ def _rounded(value: object) -> object:
 def table(run: Run, values: dict) -> list[tuple[str, str, str]]:
     """Rows of the table: what, value with unit, remark."""
     judged, timing = run.judged, run.bridge["timing"]
-
-    def number(value: float | None, form: str, unit: str) -> str:
-        return "–" if value is None else f"{value:{form}} {unit}".rstrip()
-
-    def times(key: str) -> str:
-        found = values[key]
-        if found is None:
-            return "–"
-        return " / ".join(f"{found[name]:.0f}" for name in ("p50", "p99", "max")) + " µs"
-
-    def clearance(body: str) -> tuple[str, str]:
-        where = plain(judged[f"clearance_{body}_where"])
-        return number(values["clearance_mm"][body], ".1f", "mm"), where
-
-    def percent(limit: str) -> str:
-        used = values["limit_fractions"][limit]
-        return "–" if used is None else f"{100 * used:.0f} %"
-
-    height = f"lifted by {1e3 * judged['lifted_m']:.0f} mm, held up for {judged['held_s']:.2f} s"
     gripped = judged["gripped_at_s"]
-    misses = "–"
-    if values["ticks"] is not None:
-        misses = f"{values['deadline_misses']} of {values['ticks']}"
-    real_time = run.bridge["mode"] == "real time"
-    slips = f"steps that were late: {timing.get('slips', 0)}, "
-    slips += f"braked: {timing.get('braked_steps', 0)}"
-    return [
-        (
-            "Success",
-            "yes" if values["success"] else "NO",
-            height if gripped is not None else "not gripped",
-        ),
-        ("Gripped", "–" if gripped is None else f"at {gripped:.2f} s", "time since the start"),
+    lifted = f"lifted by {1e3 * judged['lifted_m']:.0f} mm, held up for {judged['held_s']:.2f} s"
+    misses = (
+        None if values["ticks"] is None else f"{values['deadline_misses']} of {values['ticks']}"
+    )
+    remark = f"{run.bridge['mode']}: not in real time"
+    if run.bridge["mode"] == "real time":
+        remark = f"steps that were late: {timing.get('slips', 0)}, "
+        remark += f"braked: {timing.get('braked_steps', 0)}"
+    rows = [
+        ("Success", "yes" if values["success"] else "NO", lifted if gripped else "not gripped"),
+        ("Gripped", _number(gripped, "at {:.2f} s"), "time since the start"),
         (
             "Position error at the grip",
-            number(values["position_error_mm"], ".2f", "mm"),
+            _number(values["position_error_mm"], "{:.2f} mm"),
             "tool against the demonstrated grasp, in the object frame",
         ),
         (
             "Orientation error at the grip",
-            number(values["orientation_error_deg"], ".2f", "°"),
+            _number(values["orientation_error_deg"], "{:.2f} °"),
             "angle between the same two",
         ),
-        ("Least clearance to the sphere", *clearance("sphere")),
-        ("Least clearance to the table", *clearance("table")),
-        ("Least clearance to itself", *clearance("self")),
-        ("Joint position limits used", percent("position"), "largest fraction of any joint"),
-        ("Joint velocity limits used", percent("velocity"), "largest fraction of any joint"),
-        ("Joint torque limits used", percent("torque"), "largest fraction of any joint"),
-        ("Computing time of a tick", times("tick_us"), "p50 / p99 / max"),
-        ("Age of the state at its use", times("state_age_us"), "p50 / p99 / max"),
-        ("Missed deadlines", misses, "ticks of the controller"),
-        ("Heap allocations in the loop", number(values["allocations"], "d", ""), "must be 0"),
-        (
-            "Real-time factor",
-            number(values["real_time_factor"], ".4f", ""),
-            slips if real_time else f"{run.bridge['mode']}: not in real time",
-        ),
     ]
+    for body in BODIES:
+        clearance = _number(values["clearance_mm"][body], "{:.1f} mm")
+        where = plain(judged[f"clearance_{body}_where"])
+        rows.append((f"Least clearance to {BODIES[body]}", clearance, where))
+    for limit in LIMITS:
+        used = _number(values["limit_fractions"][limit], "{:.0%}").replace("%", " %")
+        rows.append((f"Joint {limit} limits used", used, "largest fraction of any joint"))
+    rows += [
+        ("Computing time of a tick", _times(values["tick_us"]), "p50 / p99 / max"),
+        ("Age of the state at its use", _times(values["state_age_us"]), "p50 / p99 / max"),
+        ("Missed deadlines", misses or "–", "ticks of the controller"),
+        ("Heap allocations in the loop", _number(values["allocations"], "{:d}"), "must be 0"),
+        ("Real-time factor", _number(values["real_time_factor"], "{:.4f}"), remark),
+    ]
+    return rows
+
+
+def _number(value: float | None, form: str) -> str:
+    return "–" if value is None else form.format(value)
+
+
+def _times(times: dict | None) -> str:
+    if times is None:
+        return "–"
+    return " / ".join(f"{times[name]:.0f}" for name in ("p50", "p99", "max")) + " µs"
