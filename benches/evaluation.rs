@@ -24,7 +24,7 @@ use tprmp_model::controller_config::ControllerConfig;
 use tprmp_model::skill_model::{self, FieldModel, SkillModel};
 use tprmp_rmpflow::leaves::Obstacle;
 use tprmp_rmpflow::natural::Natural;
-use tprmp_rmpflow::policy::Policy as SkillPolicy;
+use tprmp_rmpflow::policy::SkillPolicy;
 use tprmp_rmpflow::policy::thesis::product_skill::ProductSkill;
 use tprmp_robot::{
     Chain, ControlPoint, ControlPoints, Kinematics, forward_kinematics,
@@ -273,10 +273,11 @@ fn joints<const N: usize>() -> [(usize, Times); 3] {
     });
     let mut leaf = Natural::<6>::zero();
     leaf.metric.fill_diagonal(2.0);
+    let drift = kinematics.tool_drift.into();
     let root = measure(|| {
         let mut root = Natural::<N>::zero();
         root.metric.fill_diagonal(0.1);
-        root.add_pullback(black_box(&leaf), &kinematics.tool_jacobian, &kinematics.tool_jd_qd);
+        root.add_pullback(black_box(&leaf), &kinematics.tool_jacobian, &drift);
         black_box(root.resolve()).expect("a positive definite root");
     });
     [(N, forward), (N, inverse), (N, root)]

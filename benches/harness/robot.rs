@@ -177,7 +177,7 @@ mod tests {
         let mut kinematics = Kinematics::new();
         let (q, qd) = (SVector::from(PICK_POSITION), SVector::zeros());
         forward_kinematics_with_velocity(&chain, &q, &qd, &mut kinematics);
-        let apart = kinematics.tool_position - glam::DVec3::from(PICK_TOOL.0);
+        let apart = kinematics.tool_position() - glam::DVec3::from(PICK_TOOL.0);
         assert!(apart.length() < 1e-4, "{apart}");
     }
 }

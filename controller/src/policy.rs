@@ -4,22 +4,20 @@ use core::cell::Cell;
 use core::ops::Range;
 
 use glam::DVec3;
-use nalgebra::{SVector, Vector6};
+use nalgebra::SVector;
 use tprmp_model::controller_config::{Collision, ControllerConfig, ExemptObstacle, Exemption};
-use tprmp_rmpflow::leaves::avoidance::{Body, Part, PointMotion, add_clearance};
-use tprmp_rmpflow::leaves::joint_limits::{JointLimits, JointSpeedLimits, Posture};
-use tprmp_rmpflow::leaves::{ApproachFunnel, Obstacle, PoseAttractor, Shape};
+use tprmp_rmpflow::leaves::{
+    self, ApproachFunnel, Body, JointLimits, JointSpeedLimits, Obstacle, Part, PoseAttractor,
+    Posture, SelfCollision, Shape, Tick,
+};
 use tprmp_rmpflow::natural::{Natural, ResolveError};
-use tprmp_rmpflow::policy::canonical::skill::{SkillInertia, SkillValue};
-use tprmp_rmpflow::policy::governor::SpeedGovernor;
-use tprmp_rmpflow::policy::{Policy as SkillPolicy, PolicyState};
-use tprmp_rmpflow::tree::{self, SelfCollision, Tree, TreeState};
+use tprmp_rmpflow::policy::{PolicyState, SkillInertia, SkillPolicy, SkillValue, SpeedGovernor};
+use tprmp_rmpflow::tree::{Tree, TreeState};
 use tprmp_robot::{
     CONTROL_POINT_CAPACITY, Chain, ControlPoint, ControlPoints, Kinematics, SelfPairs,
-    forward_kinematics_with_velocity, point_kinematics, point_position,
+    forward_kinematics_with_velocity, point_motion, point_position,
 };
-use tprmp_spatial::Twist;
-use tprmp_spatial::{MovingPose, Pose};
+use tprmp_spatial::{MovingPose, PointMotion, Pose, Twist};
 
 use crate::inputs::external::ExternalCommand;
 use crate::motion::limits::working_range;
@@ -173,13 +171,7 @@ impl<const N: usize> Body<N> for Links<'_, N> {
     fn motion(&self, i: usize) -> PointMotion<N> {
         self.motions.get(i, || {
             let ControlPoint { joint, centre, .. } = self.policy.points[i].point;
-            let motion = point_kinematics(&self.policy.chain, self.kinematics, joint, centre);
-            PointMotion {
-                position: motion.position,
-                velocity: DVec3::from_slice(motion.velocity.as_slice()),
-                jacobian: motion.jacobian,
-                drift: motion.jd_qd,
-            }
+            point_motion(&self.policy.chain, self.kinematics, joint, centre)
         })
     }
 
@@ -209,7 +201,7 @@ impl<const N: usize> Body<N> for Links<'_, N> {
             return None;
         }
         let from_tool = self.tool.orientation.conjugate() * (self.ball(i).0 - self.tool.position);
-        Some(self.tool_goal.position + self.tool_goal.orientation * from_tool)
+        Some(self.tool_goal.transform_point(from_tool))
     }
 }
 
@@ -264,11 +256,10 @@ impl<const N: usize> Workspace<N> {
     /// Lets the skills that were evaluated last go on for `dt_s` with the joint accelerations that the arm
     /// gets \[rad/s² or m/s²\], limits included. Where the tool only reaches for a pose nothing goes on.
     pub fn advance(&mut self, acceleration: &SVector<f64, N>, dt_s: f64) {
-        let tool = self.kinematics.tool_jacobian * acceleration + self.kinematics.tool_jd_qd;
-        let Twist { linear, angular } = split(&tool);
+        let tool = self.kinematics.tool_acceleration(acceleration);
         for skill in &mut self.skills {
             if let Some(value) = skill.value.take() {
-                skill.state.advance(&value, linear, angular, dt_s);
+                skill.state.advance(&value, &tool, dt_s);
             }
         }
     }
@@ -358,17 +349,16 @@ impl<const N: usize> Policy<N> {
         &self,
         frames: &[MovingPose],
         tool: &Pose,
-        twist: &Vector6<f64>,
+        velocity: &Twist,
         states: &mut [SkillState],
     ) -> (Natural<6>, f64) {
-        let Twist { linear, angular } = split(twist);
         let (mut sum, mut energy) = (Natural::zero(), 0.0);
         for (leaf, skill) in self.skills.iter().zip(states) {
             // Too few frames give what is not finite, which is refused in the end.
             let own = frames.get(leaf.frames.clone()).unwrap_or_default();
             let state = &mut skill.state;
-            let value = leaf.policy.evaluate(&leaf.inertia, own, tool, linear, angular, state);
-            sum.add(&leaf.governor.govern(&value.natural, twist));
+            let value = leaf.policy.evaluate(&leaf.inertia, own, tool, velocity, state);
+            sum.add(&leaf.governor.govern(&value.natural, velocity));
             energy += value.energy;
             skill.value = Some(value);
         }
@@ -393,45 +383,43 @@ impl<const N: usize> Policy<N> {
     ) -> Result<Decision<N>, ResolveError> {
         forward_kinematics_with_velocity(&self.chain, q, qd, &mut workspace.kinematics);
         let kinematics = &workspace.kinematics;
-        let tool =
-            Pose { position: kinematics.tool_position, orientation: kinematics.tool_orientation() };
-        let twist = &kinematics.tool_twist;
-        let Twist { linear, angular } = split(twist);
+        let (tool, velocity) = (kinematics.tool_pose(), kinematics.tool_velocity);
 
         let frames = parameters.frames;
         let goal_frame = frames.get(parameters.goal_frame);
-        let (mut leaf, learned_energy) = self.learned(frames, &tool, twist, &mut workspace.skills);
+        let (mut leaf, learned_energy) =
+            self.learned(frames, &tool, &velocity, &mut workspace.skills);
         let own = frames.get(self.skills[0].frames.clone()).unwrap_or_default();
         let goal = self.skills[0].policy.goal(own, &mut workspace.skills[0].state);
         let energy = match (task, &self.lift) {
             (Task::Reach(goal), Some(lift)) => {
                 workspace.skills.iter_mut().for_each(|skill| skill.value = None);
-                leaf = lift.evaluate(&tool, linear, angular, goal);
+                leaf = lift.evaluate(&tool, &velocity, goal);
                 (tool.position - goal.position).length()
             }
             _ => {
                 if let (Some(attractor), Some(frame)) = (&self.attractor, goal_frame) {
                     let moving = frame.compose(&frame.pose.inverse().compose(&goal));
-                    leaf.add(&attractor.towards(&tool, linear, angular, &moving));
+                    leaf.add(&attractor.towards(&tool, &velocity, &moving));
                 }
                 learned_energy
             }
         };
-        let velocity = Twist { linear, angular };
         if let Some(wish) = parameters.external.and_then(|outside| outside.leaf(&velocity)) {
             leaf.add(&wish);
         }
         let mut root = Natural::<N>::zero();
-        root.add_pullback(&leaf, &kinematics.tool_jacobian, &kinematics.tool_jd_qd);
+        let drift = kinematics.tool_drift;
+        root.add_pullback(&leaf, &kinematics.tool_jacobian, &drift.into());
         if let (Task::Skill, Some(funnel), Some(frame)) = (task, &self.approach, goal_frame) {
-            let clearance = funnel.clearance(tool.position, linear, goal.position, frame);
+            let clearance = funnel.clearance(tool.position, velocity.linear, goal.position, frame);
             let motion = PointMotion {
                 position: tool.position,
-                velocity: linear,
+                velocity: velocity.linear,
                 jacobian: kinematics.tool_jacobian.fixed_rows::<3>(0).into_owned(),
-                drift: kinematics.tool_jd_qd.fixed_rows::<3>(0).into_owned(),
+                drift: drift.linear.into(),
             };
-            add_clearance(&funnel.leaf, &clearance, &motion, &mut root);
+            funnel.leaf.add(&clearance, &motion, &mut root);
         }
 
         workspace.centres.forget();
@@ -451,17 +439,15 @@ impl<const N: usize> Policy<N> {
                 Task::Reach(pose) => pose,
             },
         };
-        let obstacles = parameters.obstacles;
-        let dt = parameters.dt_s;
-        let resolved = self.tree.evaluate(
-            &tree::Task { natural: root, energy },
-            q,
-            qd,
-            &links,
-            obstacles,
-            dt,
-            &mut workspace.tree,
-        )?;
+        let tick = Tick {
+            task: leaves::Task { natural: root, energy },
+            position: *q,
+            velocity: *qd,
+            body: &links,
+            obstacles: parameters.obstacles,
+            dt_s: parameters.dt_s,
+        };
+        let resolved = self.tree.evaluate(&tick, &mut workspace.tree)?;
         // Where somebody leads the tool into an obstacle, that is no reason for the skills to go on.
         let led = parameters.external.is_some_and(ExternalCommand::leads);
         let obstructed_fraction = resolved.proximity.obstructed_fraction;
@@ -480,14 +466,6 @@ impl<const N: usize> Policy<N> {
                     .min(resolved.self_clearance_min_m),
             },
         })
-    }
-}
-
-/// \[linear; angular\].
-fn split(twist: &Vector6<f64>) -> Twist {
-    Twist {
-        linear: DVec3::new(twist[0], twist[1], twist[2]),
-        angular: DVec3::new(twist[3], twist[4], twist[5]),
     }
 }
 

@@ -8,7 +8,7 @@ use tprmp_messages::{
 };
 use tprmp_model::controller_config::{self, ConfigError, ControlPoint, ControllerConfig};
 use tprmp_model::skill_model::{self, ModelError, SkillModel};
-use tprmp_rmpflow::policy::Policy as SkillPolicy;
+use tprmp_rmpflow::policy::SkillPolicy;
 use tprmp_robot::{Chain, ControlPointError, ControlPoints, UrdfError, count_joints};
 
 use crate::commands::soak::SoakError;

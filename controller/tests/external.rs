@@ -191,7 +191,8 @@ fn a_huge_command_is_worth_the_maximum_and_no_limit_is_left() {
     let (config, chain, _) = robot::<6>(&POSES);
     let (huge, larger) = (go("ext-huge", 1e6), go("ext-larger", f64::MAX));
     within_limits(&huge, &config, &chain);
-    let at = |motion: &Motion, tick| kinematics(&chain, &motion.position::<6>(tick)).tool_position;
+    let at =
+        |motion: &Motion, tick| kinematics(&chain, &motion.position::<6>(tick)).tool_position();
     for tick in [100, 500, 1999] {
         assert!(at(&huge, tick).distance(at(&larger, tick)) < 1e-9);
     }
@@ -207,7 +208,7 @@ fn a_command_leads_an_arm_s_tool_along_it() {
     let without = run("ext-arm-none", &POSES, |_| {}, None, 1200, None);
     let with = run("ext-arm-led", &POSES, |_| {}, None, 1200, Some(&wish));
     let tool =
-        |motion: &Motion, tick| kinematics(&chain, &motion.position::<6>(tick)).tool_position;
+        |motion: &Motion, tick| kinematics(&chain, &motion.position::<6>(tick)).tool_position();
     // The state of number 400 is answered in tick 399.
     assert_eq!(tool(&with, 398), tool(&without, 398));
     let along =

@@ -7,7 +7,6 @@ use std::sync::LazyLock;
 
 use common::{arcs, skill};
 use glam::{DQuat, DVec3};
-use nalgebra::Vector6;
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -19,7 +18,7 @@ use tprmp_learner::mixture::tp_gmm::uninformative_frames;
 use tprmp_learner::skill::{FitSettings, Skill};
 use tprmp_learner::train::{Trained, learn};
 use tprmp_model::skill_model::{FrameMixture, Manifold, SkillModel};
-use tprmp_spatial::Pose;
+use tprmp_spatial::{Pose, SpatialAcceleration, Twist};
 
 /// A skill whose training is not examined, for tests that do so themselves.
 fn unexamined(template: &str) -> Skill {
@@ -76,7 +75,8 @@ fn all_moved(shown: &[Demonstration], motion: &Pose) -> Vec<Demonstration> {
 /// The acceleration of a body that obeys a model's policy [m/s², rad/s²].
 fn acceleration(model: &SkillModel, frames: &[Pose], pose: &Pose, v: [DVec3; 2]) -> [DVec3; 2] {
     let policy = Learned::new(model).unwrap();
-    let mut natural = policy.situation(frames).evaluate(pose, v[0], v[1]).natural;
+    let velocity = Twist { linear: v[0], angular: v[1] };
+    let mut natural = policy.situation(frames).evaluate(pose, &velocity).natural;
     // What the manifold does not span has no inertia.
     for i in 0..6 {
         let spanned = match model.manifold {
@@ -88,8 +88,8 @@ fn acceleration(model: &SkillModel, frames: &[Pose], pose: &Pose, v: [DVec3; 2])
             natural.metric[(i, i)] += 1.0;
         }
     }
-    let a: Vector6<f64> = natural.resolve().unwrap();
-    [DVec3::new(a[0], a[1], a[2]), DVec3::new(a[3], a[4], a[5])]
+    let SpatialAcceleration { linear, angular } = natural.resolve().unwrap().into();
+    [linear, angular]
 }
 
 /// A demonstration's frames, displaced by up to some fraction of a metre and of a radian, and a pose

@@ -40,8 +40,8 @@ pub use fit::{
 
 use serde::{Deserialize, Serialize};
 
+pub use tprmp_rmpflow::policy::FRAME_CAPACITY;
 pub use tprmp_rmpflow::policy::canonical::adaptation::{COORDINATES, SPLINES};
-pub use tprmp_rmpflow::policy::thesis::product_skill::FRAME_CAPACITY;
 
 use tprmp_rmpflow::policy::canonical::adaptation;
 

@@ -1,11 +1,9 @@
 //! Riemannian motion policies: learned fields, task maps, leaves and the natural form that composes
 //! them, evaluated without allocation.
 //!
-//! Start with [`policy`]: a learned skill is either a [`field`] on canonical coordinates behind a
-//! [`frame_map`] with an [`adaptation`] ([`skill`]), or the thesis' policy, a [`gaussian_field`] on products of Gaussians
-//! seen from the frames ([`product_skill`], [`gaussian_product`]). [`leaves`] and [`joint_leaves`]
-//! hold the hand-made policies, [`avoidance`] leads around [`obstacle`]s, the [`governor`] keeps a skill
-//! within a speed; [`natural`] pulls policies back, and the [`tree`] composes and resolves them.
+//! A learned [`policy`] says how the tool accelerates, the hand-made [`leaves`] how the robot keeps clear,
+//! within its limits and in a posture; [`natural`] pulls all of them back to the joints, and the [`tree`]
+//! composes and resolves them.
 //!
 //! ```
 //! use nalgebra::{Matrix1x2, Matrix2, Vector1, Vector2};

@@ -11,16 +11,15 @@
 //! Every leaf but the steering is a geometric dynamical system, so that with frames and obstacles at
 //! rest the sum of their energies never rises [Cheng et al. 2019, RMPflow, theorem 2]. A robot of
 //! any kind is a [`Body`]: N coordinates, and points that move with them. A point that moves freely
-//! is a [`FreeBall`](crate::leaves::avoidance::FreeBall).
+//! is a [`FreeBall`](crate::leaves::FreeBall).
 
-use glam::DVec3;
-use nalgebra::{SMatrix, SVector, Vector1};
+use nalgebra::SVector;
 
-use crate::leaves::avoidance::{Avoidance, AvoidanceState, Body, Proximity, vector};
-use crate::leaves::joint_limits::{JointLimits, JointSpeedLimits, Posture};
-use crate::leaves::obstacle::Obstacle;
-use crate::leaves::{CollisionAvoidance, JointDamping};
-use crate::natural::{Natural, ResolveError};
+use crate::leaves::{
+    Avoidance, AvoidanceState, Body, Free, JointDamping, JointLimits, JointSpeedLimits, Posture,
+    Proximity, SelfCollision, Tick,
+};
+use crate::natural::ResolveError;
 
 /// The leaves beside the task. Immutable.
 #[derive(Debug, Clone)]
@@ -37,28 +36,9 @@ pub struct Tree<const N: usize> {
     pub self_collision: Option<SelfCollision>,
     /// Clearance from obstacles.
     pub avoidance: Option<Avoidance>,
-    /// How fast what obstacles add to the acceleration may change; `None` without a limit.
+    /// How fast what obstacles add to the acceleration may change \[rad/s³ or m/s³\]; `None` without a
+    /// limit.
     pub obstacle_jerk_max: Option<SVector<f64, N>>,
-}
-
-/// Clearance between points of the robot itself.
-#[derive(Debug, Clone)]
-pub struct SelfCollision {
-    /// How it is kept.
-    pub leaf: CollisionAvoidance,
-    /// Added to the distance that is kept \[m\].
-    pub margin_m: f64,
-    /// Which parts of the body keep clear of each other: all points of one of all of the other.
-    pub pairs: Box<[(usize, usize)]>,
-}
-
-/// The task of a tick.
-#[derive(Debug, Clone, Copy)]
-pub struct Task<const N: usize> {
-    /// Its leaves, pulled back to the root.
-    pub natural: Natural<N>,
-    /// Its energy, or whatever else falls as it nears its goal.
-    pub energy: f64,
 }
 
 /// What the tree needs between ticks.
@@ -69,7 +49,7 @@ pub struct TreeState<const N: usize> {
     added: SVector<f64, N>,
 }
 
-/// What the tree decided, and what it saw.
+/// The acceleration of a tick, and how near everything is.
 #[derive(Debug, Clone, Copy)]
 pub struct Resolved<const N: usize> {
     /// q̈ \[rad/s² or m/s²\].
@@ -92,27 +72,18 @@ impl<const N: usize> Default for TreeState<N> {
 impl<const N: usize> Tree<N> {
     /// Composes the task with the other leaves and resolves the root  [thesis algorithm 4.1].
     ///
-    /// * `task`  the task
-    /// * `q`, `qd`  coordinates and their velocities, N
-    /// * `dt`  time since the last tick \[s\]
-    ///
     /// Hot path: no allocation; O(points × (obstacles + pairs)).
     ///
     /// # Errors
     /// When the root cannot be resolved: the caller stops the robot.
-    #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
-    pub fn evaluate(
+    pub fn evaluate<B: Body<N>>(
         &self,
-        task: &Task<N>,
-        q: &SVector<f64, N>,
-        qd: &SVector<f64, N>,
-        body: &impl Body<N>,
-        obstacles: &[Obstacle],
-        dt: f64,
+        tick: &Tick<'_, B, N>,
         state: &mut TreeState<N>,
     ) -> Result<Resolved<N>, ResolveError> {
+        let (q, qd) = (&tick.position, &tick.velocity);
         let mut root = self.joint_damping.evaluate(qd);
-        root.add(&task.natural);
+        root.add(&tick.task.natural);
         if let Some(limits) = &self.joint_limits {
             limits.add(q, qd, &mut root);
         }
@@ -122,86 +93,29 @@ impl<const N: usize> Tree<N> {
         if let Some(posture) = &self.posture {
             root.add(&posture.evaluate(q, qd));
         }
-        let self_clearance_min_m =
-            self.self_collision.as_ref().map_or(f64::INFINITY, |leaf| leaf.add(body, &mut root));
+        let self_clearance_min_m = self
+            .self_collision
+            .as_ref()
+            .map_or(f64::INFINITY, |leaf| leaf.add(tick.body, &mut root));
         let factor = root.factor()?;
-        let free = root.resolve_with(&factor)?;
+        let free = Free { acceleration: root.resolve_with(&factor)?, factor };
         let conditioning = factor.pivot_ratio();
-        let mut proximity = Proximity { clearance_min_m: f64::INFINITY, obstructed_fraction: 0.0 };
-        let mut acceleration = free;
+        let mut proximity = Proximity::NONE;
+        let mut acceleration = free.acceleration;
         if let Some(avoidance) = &self.avoidance {
-            let before = root.force;
-            let metric = root.metric;
-            let seen = &mut state.avoidance;
-            proximity =
-                avoidance.add(body, obstacles, &free, &factor, task.energy, dt, &mut root, seen);
-            if root.force != before || root.metric != metric {
+            let before = root;
+            proximity = avoidance.add(tick, &free, &mut root, &mut state.avoidance);
+            if root != before {
                 acceleration = root.resolve()?;
             }
-            let mut change = acceleration - free - state.added;
-            if let Some(most) = &self.obstacle_jerk_max {
-                change = change.zip_map(most, |change, most| change.clamp(-most * dt, most * dt));
+            let mut change = acceleration - free.acceleration - state.added;
+            if let Some(jerk_max) = &self.obstacle_jerk_max {
+                let change_max = jerk_max * tick.dt_s;
+                change = change.zip_map(&change_max, |change, most| change.clamp(-most, most));
             }
             state.added += change;
-            acceleration = free + state.added;
+            acceleration = free.acceleration + state.added;
         }
         Ok(Resolved { acceleration, proximity, self_clearance_min_m, conditioning })
-    }
-}
-
-impl SelfCollision {
-    /// Adds the leaves of all close pairs; returns the least clearance among them, margin taken off.
-    fn add<const N: usize>(&self, body: &impl Body<N>, root: &mut Natural<N>) -> f64 {
-        let mut least = f64::INFINITY;
-        for &(a, b) in &self.pairs {
-            let (one, other) = (body.part(a), body.part(b));
-            if self.is_far(one.position - other.position, one.radius + other.radius) {
-                continue;
-            }
-            for i in one.points {
-                let (position, radius) = body.ball(i);
-                if self.is_far(position - other.position, radius + other.radius) {
-                    continue;
-                }
-                for j in other.points.clone() {
-                    least = least.min(self.add_pair(body, i, j, root));
-                }
-            }
-        }
-        least
-    }
-
-    /// Whether balls whose centres are `apart` lie out of the leaf's reach.
-    fn is_far(&self, apart: DVec3, radii: f64) -> bool {
-        let reach = radii + self.margin_m + self.leaf.activation_distance_m;
-        apart.length_squared() >= reach * reach
-    }
-
-    /// Adds the leaf of a pair of points; returns its clearance, infinite when it is not close.
-    fn add_pair<const N: usize>(
-        &self,
-        body: &impl Body<N>,
-        i: usize,
-        j: usize,
-        root: &mut Natural<N>,
-    ) -> f64 {
-        let ((a, radius_a), (b, radius_b)) = (body.ball(i), body.ball(j));
-        if self.is_far(a - b, radius_a + radius_b) {
-            return f64::INFINITY;
-        }
-        let (one, other) = (body.motion(i), body.motion(j));
-        let length = (a - b).length().max(1e-9);
-        let clearance = length - (radius_a + radius_b + self.margin_m);
-        let normal = (a - b) / length;
-        let relative = one.velocity - other.velocity;
-        let rate = normal.dot(relative);
-        if let Some(leaf) = self.leaf.evaluate(clearance, rate) {
-            let bend = (relative.length_squared() - rate * rate) / length;
-            let normal = vector(normal);
-            let row: SMatrix<f64, 1, N> = normal.transpose() * (one.jacobian - other.jacobian);
-            let drift = normal.dot(&(one.drift - other.drift)) + bend;
-            root.add_pullback(&leaf, &row, &Vector1::new(drift));
-        }
-        clearance
     }
 }

@@ -3,11 +3,13 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
-use tprmp_rmpflow::leaves::avoidance::{Avoidance, Body, FreeBall, PointMotion, Side, Steering};
-use tprmp_rmpflow::leaves::obstacle::{Obstacle, Shape};
-use tprmp_rmpflow::leaves::{CollisionAvoidance, JointDamping};
+use tprmp_rmpflow::leaves::{
+    Avoidance, Body, CollisionAvoidance, FreeBall, JointDamping, Obstacle, Shape, Side, Steering,
+    Task, Tick,
+};
 use tprmp_rmpflow::natural::Natural;
-use tprmp_rmpflow::tree::{Task, Tree, TreeState};
+use tprmp_rmpflow::tree::{Tree, TreeState};
+use tprmp_spatial::{PointMotion, Pose, Twist};
 
 const DAMPING: f64 = 8.0;
 
@@ -74,10 +76,15 @@ fn run<const N: usize>(
         let force = -away * (16.0 / away.length().hypot(0.5)) - ball.velocity * DAMPING;
         let energy = 16.0 * away.length().hypot(0.5) - 8.0 + 0.5 * ball.velocity.length_squared();
         let natural = Natural { force: to_vector(force), metric: SMatrix::identity() };
-        let task = Task { natural, energy };
-        let (q, qd) = (to_vector(ball.position), to_vector(ball.velocity));
-        let solved = tree.evaluate(&task, &q, &qd, &ball, &now, dt, &mut state).unwrap();
-        let a = solved.acceleration;
+        let tick = Tick {
+            task: Task { natural, energy },
+            position: to_vector(ball.position),
+            velocity: to_vector(ball.velocity),
+            body: &ball,
+            obstacles: &now,
+            dt_s: dt,
+        };
+        let a = tree.evaluate(&tick, &mut state).unwrap().acceleration;
         result.acceleration_max = result.acceleration_max.max(a.norm());
         if let Some(last) = last {
             result.change_max = result.change_max.max((a - last).amax());
@@ -121,18 +128,18 @@ fn shapes_with_edges_are_passed() {
         Shape::Capsule { radius: 0.08, half_length: 0.25 },
     ];
     for shape in shapes {
-        for turn in 0..5 {
-            let orientation = DQuat::from_rotation_x(f64::from(turn) * 0.7)
-                * DQuat::from_rotation_z(f64::from(turn) * 0.3);
+        for rotation in 0..5 {
+            let orientation = DQuat::from_rotation_x(f64::from(rotation) * 0.7)
+                * DQuat::from_rotation_z(f64::from(rotation) * 0.3);
             let obstacle = Obstacle {
                 shape,
-                orientation,
-                ..Obstacle::sphere(DVec3::X * 0.8, 0.0, DVec3::ZERO)
+                pose: Pose { position: DVec3::X * 0.8, orientation },
+                velocity: Twist::ZERO,
             };
             let result =
                 run::<3>(Side::Space(DVec3::Z), DVec3::X * 1.6, 0.002, 12.0, |_| vec![obstacle]);
-            assert!(result.goal_error < 1e-3, "{shape:?} {turn}: {}", result.goal_error);
-            assert!(result.clearance_min > 0.0, "{shape:?} {turn}: {}", result.clearance_min);
+            assert!(result.goal_error < 1e-3, "{shape:?} {rotation}: {}", result.goal_error);
+            assert!(result.clearance_min > 0.0, "{shape:?} {rotation}: {}", result.clearance_min);
         }
     }
 }
@@ -257,17 +264,20 @@ impl Body<3> for Reaching {
 #[test]
 fn a_point_that_may_come_near_feels_nothing_above_and_stops_below() {
     let tree = tree::<3>(Side::Space(DVec3::X));
-    let floor = [Obstacle::half_space(DVec3::ZERO, DVec3::Z, DVec3::ZERO)];
+    let floor = [Obstacle { shape: Shape::HalfSpace, pose: Pose::IDENTITY, velocity: Twist::ZERO }];
     let acceleration = |within: f64, height: f64| {
         let position = DVec3::Z * height;
         let ball = FreeBall { position, velocity: -DVec3::Z, radius: 0.02, goal: -DVec3::Z };
         let natural = Natural { force: SVector::zeros(), metric: SMatrix::identity() };
-        let (q, qd) = (SVector::from(position.to_array()), SVector::from([0.0, 0.0, -1.0]));
-        let body = Reaching(ball, within);
-        let mut state = TreeState::default();
-        let task = Task { natural, energy: 1.0 };
-        let resolved = tree.evaluate(&task, &q, &qd, &body, &floor, 1.0, &mut state).unwrap();
-        resolved.acceleration[2]
+        let tick = Tick {
+            task: Task { natural, energy: 1.0 },
+            position: position.into(),
+            velocity: ball.velocity.into(),
+            body: &Reaching(ball, within),
+            obstacles: &floor,
+            dt_s: 1.0,
+        };
+        tree.evaluate(&tick, &mut TreeState::default()).unwrap().acceleration[2]
     };
     // 3 cm of radius and margin: at 20 cm it is 17 cm from the floor.
     assert!(acceleration(f64::INFINITY, 0.2) > 0.1);

@@ -1,14 +1,15 @@
 //! The tree on a planar arm of three joints: its energy falls, limits hold, nothing touches.
 
-use glam::{DVec2, DVec3};
+use glam::{DQuat, DVec2, DVec3};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 use proptest::prelude::*;
-use tprmp_rmpflow::leaves::avoidance::{Avoidance, Body, Part, PointMotion, Side, Steering};
-use tprmp_rmpflow::leaves::joint_limits::{JointLimits, JointSpeedLimits, Posture};
-use tprmp_rmpflow::leaves::obstacle::{Obstacle, Shape};
-use tprmp_rmpflow::leaves::{CollisionAvoidance, JointDamping};
+use tprmp_rmpflow::leaves::{
+    Avoidance, Body, CollisionAvoidance, JointDamping, JointLimits, JointSpeedLimits, Obstacle,
+    Part, Posture, Proximity, SelfCollision, Shape, Side, Steering, Task, Tick,
+};
 use tprmp_rmpflow::natural::Natural;
-use tprmp_rmpflow::tree::{Resolved, SelfCollision, Task, Tree, TreeState};
+use tprmp_rmpflow::tree::{Resolved, Tree, TreeState};
+use tprmp_spatial::{PointMotion, Pose, Twist};
 
 const LEAF: CollisionAvoidance = CollisionAvoidance {
     activation_distance_m: 0.15,
@@ -182,6 +183,18 @@ impl Pull {
     }
 }
 
+fn resolved<B: Body<3>>(
+    tree: &Tree<3>,
+    task: Task<3>,
+    (arm, body): (&Arm, &B),
+    obstacles: &[Obstacle],
+    state: &mut TreeState<3>,
+) -> Resolved<3> {
+    let (position, velocity) = (arm.q, arm.qd);
+    let tick = Tick { task, position, velocity, body, obstacles, dt_s: 1e-3 };
+    tree.evaluate(&tick, state).unwrap()
+}
+
 /// V of the whole tree.
 fn energy(tree: &Tree<3>, pull: &Pull, arm: &Arm, obstacles: &[Obstacle]) -> f64 {
     let (q, qd) = (&arm.q, &arm.qd);
@@ -214,10 +227,20 @@ fn obstacles() -> [Obstacle; 3] {
         Obstacle::sphere(DVec3::new(0.9, 1.0, 0.0), 0.12, DVec3::ZERO),
         Obstacle {
             shape: Shape::Capsule { radius: 0.05, half_length: 0.2 },
-            orientation: glam::DQuat::from_rotation_x(1.3),
-            ..Obstacle::sphere(DVec3::new(-0.4, 0.9, 0.0), 0.0, DVec3::ZERO)
+            pose: Pose {
+                position: DVec3::new(-0.4, 0.9, 0.0),
+                orientation: DQuat::from_rotation_x(1.3),
+            },
+            velocity: Twist::ZERO,
         },
-        Obstacle::half_space(DVec3::new(0.0, -0.5, 0.0), DVec3::Y, DVec3::ZERO),
+        Obstacle {
+            shape: Shape::HalfSpace,
+            pose: Pose {
+                position: DVec3::Y * -0.5,
+                orientation: DQuat::from_rotation_arc(DVec3::Z, DVec3::Y),
+            },
+            velocity: Twist::ZERO,
+        },
     ]
 }
 
@@ -241,17 +264,14 @@ proptest! {
         let mut before = start;
         for step in 0..15_000 {
             let task = pull.leaf(&arm.motion(5));
-            let solved =
-                tree.evaluate(&task, &arm.q, &arm.qd, &arm, &obstacles, dt, &mut state).unwrap();
+            let solved = resolved(&tree, task, (&arm, &arm), &obstacles, &mut state);
             // The midpoint rule: the energy error of a step is of third order.
             let middle = Arm {
                 q: arm.q + arm.qd * (0.5 * dt),
                 qd: arm.qd + solved.acceleration * (0.5 * dt),
             };
             let task = pull.leaf(&middle.motion(5));
-            let solved = tree
-                .evaluate(&task, &middle.q, &middle.qd, &middle, &obstacles, dt, &mut state)
-                .unwrap();
+            let solved = resolved(&tree, task, (&middle, &middle), &obstacles, &mut state);
             arm.q += middle.qd * dt;
             arm.qd += solved.acceleration * dt;
             let now = energy(&tree, &pull, &arm, &obstacles);
@@ -275,26 +295,23 @@ proptest! {
     ) {
         let arm = Arm { q: Vector3::from(q), qd: Vector3::from(qd) };
         let position = DVec3::new(place[0], place[1], 0.0);
-        let obstacles = [Obstacle { position, ..obstacles()[shape] }];
-        let resolved = |body: &dyn Fn(&Tree<3>, &mut TreeState<3>) -> Resolved<3>, pairs: &[_]| {
+        let mut obstacle = obstacles()[shape];
+        obstacle.pose.position = position;
+        let task = Pull { goal: DVec3::new(0.7, 1.0, 0.0) }.leaf(&arm.motion(5));
+        fn found<B: Body<3>>(
+            (arm, body): (&Arm, &B), task: Task<3>, obstacle: Obstacle, pairs: &[(usize, usize)],
+        ) -> (SVector<f64, 3>, Proximity, f64) {
             let mut tree = tree(Some(STEERING));
             if let Some(own) = &mut tree.self_collision {
                 own.pairs = pairs.into();
             }
-            let found = body(&tree, &mut TreeState::default());
+            let state = &mut TreeState::default();
+            let found = resolved(&tree, task, (arm, body), &[obstacle], state);
             (found.acceleration, found.proximity, found.self_clearance_min_m)
-        };
-        let task = Pull { goal: DVec3::new(0.7, 1.0, 0.0) }.leaf(&arm.motion(5));
-        let points = resolved(
-            &|tree, state| tree.evaluate(&task, &arm.q, &arm.qd, &arm, &obstacles, 1e-3, state).unwrap(),
-            &[(0, 4), (0, 5), (1, 4), (1, 5)],
-        );
-        let links = Links(&arm);
-        let parts = resolved(
-            &|tree, state| tree.evaluate(&task, &arm.q, &arm.qd, &links, &obstacles, 1e-3, state).unwrap(),
-            &[(0, 2)],
-        );
-        prop_assert_eq!(points, parts);
+        }
+        let points = found((&arm, &arm), task, obstacle, &[(0, 4), (0, 5), (1, 4), (1, 5)]);
+        let links = found((&arm, &Links(&arm)), task, obstacle, &[(0, 2)]);
+        prop_assert_eq!(points, links);
     }
 
     #[test]
@@ -320,8 +337,7 @@ proptest! {
         let mut state = TreeState::default();
         let natural = Natural { force: Vector3::zeros(), metric: Matrix3::identity() };
         let task = Task { natural, energy: 0.0 };
-        let solved =
-            tree.evaluate(&task, &arm.q, &arm.qd, &arm, &obstacles(), 1e-3, &mut state).unwrap();
+        let solved = resolved(&tree, task, (&arm, &arm), &obstacles(), &mut state);
         prop_assert!(solved.acceleration.iter().all(|a| a.is_finite()));
     }
 
@@ -367,8 +383,7 @@ fn a_link_that_is_blocked_is_led_around_the_obstacle() {
         let mut state = TreeState::default();
         for _ in 0..10_000 {
             let task = pull.leaf(&arm.motion(5));
-            let solved =
-                tree.evaluate(&task, &arm.q, &arm.qd, &arm, &ball, 1e-3, &mut state).unwrap();
+            let solved = resolved(&tree, task, (&arm, &arm), &ball, &mut state);
             assert!(solved.proximity.clearance_min_m > -0.01);
             assert!(solved.acceleration.amax() < 400.0, "{}", solved.acceleration);
             arm.qd += solved.acceleration * 1e-3;
@@ -408,8 +423,7 @@ fn links_that_are_pressed_together_never_touch() {
         let (mut state, mut least) = (TreeState::default(), f64::INFINITY);
         for _ in 0..20_000 {
             let task = pull.leaf(&arm.motion(5));
-            let solved =
-                tree.evaluate(&task, &arm.q, &arm.qd, &arm, &[], 1e-3, &mut state).unwrap();
+            let solved = resolved(&tree, task, (&arm, &arm), &[], &mut state);
             arm.qd += solved.acceleration * 1e-3;
             arm.q += arm.qd * 1e-3;
             least = least.min(solved.self_clearance_min_m);

@@ -2,119 +2,22 @@
 
 use std::path::Path;
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use nalgebra::SVector;
 
+use crate::description::{
+    ChainDescription, CollisionShape, JointDescription, JointKind, JointModel,
+};
 use crate::error::{UrdfError, UrdfErrorKind};
-use crate::inertia::SpatialInertia;
+use crate::placement::Placement;
 use crate::urdf::{self, Selection};
-
-/// How a joint moves. A continuous joint is a revolute one with infinite position limits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum JointKind {
-    /// Turns about z of its joint frame [rad].
-    Revolute,
-    /// Slides along z of its joint frame [m].
-    Prismatic,
-}
-
-/// What the algorithms need of one joint and of the body it moves.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct JointModel {
-    pub(crate) kind: JointKind,
-    /// Orientation of this joint frame at q = 0 in the joint frame before it (the base for the first).
-    pub(crate) rotation: DMat3,
-    /// Origin of this joint frame at q = 0 in the joint frame before it [m].
-    pub(crate) position: DVec3,
-    /// All links fixed to this joint's moving side, in this joint frame.
-    pub(crate) inertia: SpatialInertia,
-}
-
-/// Limits of one joint as read.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct JointLimits {
-    pub(crate) lower: f64,
-    pub(crate) upper: f64,
-    pub(crate) velocity: f64,
-    pub(crate) effort: f64,
-}
-
-/// One movable joint as read.
-#[derive(Debug)]
-pub(crate) struct JointDescription {
-    pub(crate) name: String,
-    pub(crate) model: JointModel,
-    pub(crate) limits: JointLimits,
-}
-
-/// A chain of any length, as read from the file.
-#[derive(Debug)]
-pub(crate) struct ChainDescription {
-    pub(crate) root_link: String,
-    pub(crate) tool_link: String,
-    pub(crate) joints: Vec<JointDescription>,
-    pub(crate) links: Vec<(String, usize)>,
-    /// Pose of each link in the frame of its joint.
-    pub(crate) link_poses: Vec<(DMat3, DVec3)>,
-    pub(crate) tool_rotation: DMat3,
-    pub(crate) tool_position: DVec3,
-    pub(crate) collision_shapes: Vec<CollisionShape>,
-}
-
-/// A collision primitive, centred at its pose. Lengths in m.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum CollisionGeometry {
-    /// Axis along z, flat ends.
-    Cylinder {
-        /// Radius [m].
-        radius: f64,
-        /// Length [m].
-        length: f64,
-    },
-    /// Axis along z, round ends beyond `length`.
-    Capsule {
-        /// Radius [m].
-        radius: f64,
-        /// Length without the round ends [m].
-        length: f64,
-    },
-    /// Sphere.
-    Sphere {
-        /// Radius [m].
-        radius: f64,
-    },
-    /// Box.
-    Box {
-        /// Full edge lengths [m].
-        size: DVec3,
-    },
-    /// A mesh: carried along so that the kinematics of such a robot can be used, but it cannot be
-    /// covered by spheres.
-    Mesh,
-}
-
-/// A collision primitive fixed to a moving link.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CollisionShape {
-    /// Index into [`Chain::moving_links`].
-    pub link: usize,
-    /// Index of the joint that moves it.
-    pub joint: usize,
-    /// Orientation in that joint's frame.
-    pub rotation: DMat3,
-    /// Centre in that joint's frame [m].
-    pub position: DVec3,
-    /// Shape.
-    pub geometry: CollisionGeometry,
-}
 
 /// A serial chain of `N` movable joints between the root link and a tool link. Immutable.
 #[derive(Debug, Clone)]
 pub struct Chain<const N: usize> {
     pub(crate) joints: [JointModel; N],
-    /// Pose of the tool in the last joint frame.
-    pub(crate) tool_rotation: DMat3,
-    pub(crate) tool_position: DVec3,
+    /// The tool in the last joint frame.
+    pub(crate) tool: Placement,
     position_lower: SVector<f64, N>,
     position_upper: SVector<f64, N>,
     velocity_max: SVector<f64, N>,
@@ -123,7 +26,7 @@ pub struct Chain<const N: usize> {
     tool_link: String,
     joint_names: [String; N],
     moving_links: Vec<(String, usize)>,
-    link_poses: Vec<(DMat3, DVec3)>,
+    link_placements: Vec<Placement>,
     collision_shapes: Vec<CollisionShape>,
 }
 
@@ -162,12 +65,11 @@ impl<const N: usize> Chain<N> {
             effort_max: SVector::from_fn(|i, _| joints[i].limits.effort),
             joints: std::array::from_fn(|i| joints[i].model),
             joint_names: joints.map(|joint| joint.name),
-            tool_rotation: description.tool_rotation,
-            tool_position: description.tool_position,
+            tool: description.tool,
             root_link: description.root_link,
             tool_link,
             moving_links: description.links,
-            link_poses: description.link_poses,
+            link_placements: description.link_placements,
             collision_shapes: description.collision_shapes,
         })
     }
@@ -200,7 +102,7 @@ impl<const N: usize> Chain<N> {
     /// Where `point` [m] in the frame of a moving link lies in that of the joint that moves it; `link`
     /// is an index into [`Chain::moving_links`]. `None` when there is no such link.
     pub fn in_joint_frame(&self, link: usize, point: DVec3) -> Option<DVec3> {
-        self.link_poses.get(link).map(|(rotation, position)| *position + *rotation * point)
+        self.link_placements.get(link).map(|placement| placement.transform_point(point))
     }
 
     /// Lower position limits [rad or m]; −∞ for a continuous joint.

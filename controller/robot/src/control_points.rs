@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 
-use crate::chain::{Chain, CollisionGeometry, CollisionShape};
+use crate::chain::Chain;
+use crate::description::{CollisionGeometry, CollisionShape};
 
 /// Most spheres an arm can have.
 pub const CONTROL_POINT_CAPACITY: usize = 64;
@@ -17,7 +18,7 @@ pub struct ControlPoint {
     pub link: usize,
     /// Index of the joint that moves it: below N of the chain it was built from.
     pub joint: usize,
-    /// Centre in that joint's frame [m]; the argument of [`crate::point_kinematics`].
+    /// Centre in that joint's frame [m]; the argument of [`crate::point_motion`].
     pub centre: DVec3,
     /// Radius [m].
     pub radius: f64,
@@ -177,7 +178,7 @@ impl ControlPoints {
 
     /// Adds a sphere at `centre` in the shape's own frame; `None` when there is no room.
     fn push(&mut self, shape: &CollisionShape, centre: DVec3, radius: f64) -> Option<()> {
-        let centre = shape.position + shape.rotation * centre;
+        let centre = shape.placement.transform_point(centre);
         *self.points.get_mut(self.count)? =
             ControlPoint { link: shape.link, joint: shape.joint, centre, radius };
         self.count += 1;

@@ -2,10 +2,13 @@
 
 use glam::{DMat3, DVec3};
 use nalgebra::{Cholesky, SMatrix, SVector};
+use tprmp_spatial::{Twist, Wrench};
 
-use crate::chain::{Chain, JointKind};
+use crate::chain::Chain;
+use crate::description::JointKind;
 use crate::inertia::SpatialInertia;
-use crate::kinematics::{joint_pose, joint_poses};
+use crate::kinematics::{joint_placement, joint_placements};
+use crate::placement::Placement;
 use crate::trigonometry::sin_cos;
 
 /// Why the dynamics have no answer.
@@ -35,20 +38,19 @@ pub fn inverse_dynamics<const N: usize>(
     gravity: DVec3,
 ) -> SVector<f64, N> {
     let (sines, cosines) = sin_cos(&q.data.0[0]);
-    let mut rotations = [DMat3::IDENTITY; N];
-    let mut positions = [DVec3::ZERO; N];
-    let mut forces = [DVec3::ZERO; N];
-    let mut moments = [DVec3::ZERO; N];
+    let mut placements = [Placement::IDENTITY; N];
+    // Of each body, about its joint frame's origin.
+    let mut wrenches = [Wrench::ZERO; N];
 
     let (mut omega, mut alpha, mut acceleration) = (DVec3::ZERO, DVec3::ZERO, -gravity);
     for i in 0..N {
         let joint = &chain.joints[i];
-        let (rotation, p) = joint_pose(joint, q[i], sines[i], cosines[i]);
-        (rotations[i], positions[i]) = (rotation, p);
+        placements[i] = joint_placement(joint, q[i], sines[i], cosines[i]);
+        let Placement { rotation, position: p } = placements[i];
         acceleration += alpha.cross(p) + omega.cross(omega.cross(p));
-        omega = turn_back(&rotation, omega);
-        alpha = turn_back(&rotation, alpha);
-        acceleration = turn_back(&rotation, acceleration);
+        omega = rotate_back(&rotation, omega);
+        alpha = rotate_back(&rotation, alpha);
+        acceleration = rotate_back(&rotation, acceleration);
         // ω × z q̇ in the joint frame.
         let coriolis = DVec3::new(omega.y, -omega.x, 0.0) * q_d[i];
         match joint.kind {
@@ -64,23 +66,26 @@ pub fn inverse_dynamics<const N: usize>(
         }
         let body = &joint.inertia;
         let h = body.first_moment;
-        forces[i] = body.mass * acceleration + alpha.cross(h) + omega.cross(omega.cross(h));
-        moments[i] =
-            body.inertia * alpha + omega.cross(body.inertia * omega) + h.cross(acceleration);
+        wrenches[i] = Wrench {
+            force: body.mass * acceleration + alpha.cross(h) + omega.cross(omega.cross(h)),
+            torque: body.inertia * alpha
+                + omega.cross(body.inertia * omega)
+                + h.cross(acceleration),
+        };
     }
 
     let mut torques = SVector::zeros();
-    let (mut force, mut moment) = (DVec3::ZERO, DVec3::ZERO);
+    let mut total = Wrench::ZERO;
     for i in (0..N).rev() {
-        // Here force and moment are those the rest of the chain exerts, in this joint frame.
-        force += forces[i];
-        moment += moments[i];
+        // Here it is that of all the joint moves, in this joint frame.
+        total = total + wrenches[i];
         torques[i] = match chain.joints[i].kind {
-            JointKind::Revolute => moment.z,
-            JointKind::Prismatic => force.z,
+            JointKind::Revolute => total.torque.z,
+            JointKind::Prismatic => total.force.z,
         };
-        force = rotations[i] * force;
-        moment = rotations[i] * moment + positions[i].cross(force);
+        let Placement { rotation, position } = placements[i];
+        let force = rotation * total.force;
+        total = Wrench { force, torque: rotation * total.torque + position.cross(force) };
     }
     torques
 }
@@ -99,17 +104,17 @@ pub fn gravity_torques<const N: usize>(
     q: &SVector<f64, N>,
     gravity: DVec3,
 ) -> SVector<f64, N> {
-    let (mut rotations, mut positions) = ([DMat3::IDENTITY; N], [DVec3::ZERO; N]);
-    joint_poses(chain, q, &mut rotations, &mut positions);
+    let placements = joint_placements(chain, q);
     let mut torques = SVector::zeros();
     let (mut mass, mut first_moment) = (0.0, DVec3::ZERO);
     for i in (0..N).rev() {
         let body = &chain.joints[i].inertia;
         mass += body.mass;
-        first_moment += rotations[i] * body.first_moment + body.mass * positions[i];
-        let z = rotations[i].z_axis;
+        let Placement { rotation, position } = placements[i];
+        first_moment += rotation * body.first_moment + body.mass * position;
+        let z = rotation.z_axis;
         torques[i] = match chain.joints[i].kind {
-            JointKind::Revolute => -gravity.dot(z.cross(first_moment - mass * positions[i])),
+            JointKind::Revolute => -gravity.dot(z.cross(first_moment - mass * position)),
             JointKind::Prismatic => -mass * gravity.dot(z),
         };
     }
@@ -125,20 +130,20 @@ pub fn gravity_torques<const N: usize>(
 ///
 /// Hot path: no allocation, no panic, O(N²).
 pub fn mass_matrix<const N: usize>(chain: &Chain<N>, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
-    let (mut rotations, mut positions) = ([DMat3::IDENTITY; N], [DVec3::ZERO; N]);
-    joint_poses(chain, q, &mut rotations, &mut positions);
+    let placements = joint_placements(chain, q);
     let mut mass_matrix = SMatrix::zeros();
     let mut composite = SpatialInertia::ZERO;
     for i in (0..N).rev() {
-        let body = chain.joints[i].inertia.moved(&rotations[i], positions[i]);
+        let body = chain.joints[i].inertia.moved(&placements[i]);
         composite = composite.plus(&body);
-        let (angular, linear) = axis(chain.joints[i].kind, rotations[i].z_axis, positions[i]);
+        let Twist { linear, angular } = axis(chain.joints[i].kind, &placements[i]);
         let h = composite.first_moment;
-        let force = composite.mass * linear + angular.cross(h);
-        let moment = composite.inertia * angular + h.cross(linear);
+        let momentum = Wrench {
+            force: composite.mass * linear + angular.cross(h),
+            torque: composite.inertia * angular + h.cross(linear),
+        };
         for j in 0..=i {
-            let (angular, linear) = axis(chain.joints[j].kind, rotations[j].z_axis, positions[j]);
-            let entry = angular.dot(moment) + linear.dot(force);
+            let entry = axis(chain.joints[j].kind, &placements[j]).power(&momentum);
             mass_matrix[(i, j)] = entry;
             mass_matrix[(j, i)] = entry;
         }
@@ -172,17 +177,18 @@ pub fn forward_dynamics<const N: usize>(
     Ok(q_dd)
 }
 
-/// Unit velocity of a joint at the origin of `B`: angular, and linear of the point there.
+/// Unit velocity of a joint at the origin of `B`.
 #[inline]
-fn axis(kind: JointKind, z: DVec3, position: DVec3) -> (DVec3, DVec3) {
+fn axis(kind: JointKind, placement: &Placement) -> Twist {
+    let z = placement.rotation.z_axis;
     match kind {
-        JointKind::Revolute => (z, position.cross(z)),
-        JointKind::Prismatic => (DVec3::ZERO, z),
+        JointKind::Revolute => Twist { linear: placement.position.cross(z), angular: z },
+        JointKind::Prismatic => Twist { linear: z, angular: DVec3::ZERO },
     }
 }
 
 /// Rᵀ v
 #[inline]
-fn turn_back(rotation: &DMat3, v: DVec3) -> DVec3 {
+fn rotate_back(rotation: &DMat3, v: DVec3) -> DVec3 {
     DVec3::new(rotation.x_axis.dot(v), rotation.y_axis.dot(v), rotation.z_axis.dot(v))
 }

@@ -2,6 +2,8 @@
 
 use glam::{DMat3, DVec3};
 
+use crate::placement::Placement;
+
 /// Inertia of a rigid body about the origin of a frame, expressed in that frame.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SpatialInertia {
@@ -27,16 +29,17 @@ impl SpatialInertia {
         }
     }
 
-    /// The same body seen from a frame `A`, with `R_AC`, `p_AC` the pose of the present frame `C`.
+    /// The same body seen from a frame `A`, with `x` = X_AC the placement of the present frame `C`.
     ///
     /// `h_A = R h + m p`,  `I_A = R I Rᵀ + 2 sym S(R h, p) + m S(p, p)`,  `S(a, b) = (a·b) 1 − a bᵀ`
-    pub(crate) fn moved(&self, rotation: &DMat3, position: DVec3) -> Self {
-        let h = *rotation * self.first_moment;
+    pub(crate) fn moved(&self, x: &Placement) -> Self {
+        let Placement { rotation, position } = *x;
+        let h = rotation * self.first_moment;
         let cross = steiner(h, position);
         Self {
             mass: self.mass,
             first_moment: h + self.mass * position,
-            inertia: *rotation * self.inertia * rotation.transpose()
+            inertia: rotation * self.inertia * rotation.transpose()
                 + cross
                 + cross.transpose()
                 + self.mass * steiner(position, position),

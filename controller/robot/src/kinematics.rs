@@ -1,103 +1,81 @@
 //! Forward kinematics, Jacobians and velocity-product accelerations.
 
-use glam::{DMat3, DQuat, DVec3};
-use nalgebra::{SMatrix, SVector, Vector3, Vector6};
+use glam::{DMat3, DVec3};
+use nalgebra::{SMatrix, SVector, Vector6};
+use tprmp_spatial::{PointMotion, Pose, SpatialAcceleration, Twist};
 
-use crate::chain::{Chain, JointKind, JointModel};
+use crate::chain::Chain;
+use crate::description::{JointKind, JointModel};
+use crate::placement::Placement;
 use crate::trigonometry::sin_cos;
 
 /// Workspace and result of the forward kinematics. Everything is expressed in `B`.
 ///
-/// A new one is filled with NaN, so that use before the first evaluation shows.
+/// A new one is filled with NaN, so that use before the first evaluation is noticed.
 #[derive(Debug, Clone)]
 pub struct Kinematics<const N: usize> {
-    /// R_BJ of each joint frame.
-    pub joint_rotations: [DMat3; N],
-    /// p_BJ, the origin of each joint frame [m].
-    pub joint_positions: [DVec3; N],
-    /// R_BE, the orientation of the tool.
-    pub tool_rotation: DMat3,
-    /// p_BE, the origin of the tool [m].
-    pub tool_position: DVec3,
+    /// X_BJ of each joint frame.
+    joints: [Placement; N],
+    /// X_BE.
+    tool: Placement,
     /// J, 6×N, rows [linear; angular] [m/rad or 1; 1 or 0].
     pub tool_jacobian: SMatrix<f64, 6, N>,
-    /// V = J q̇, [linear; angular] [m/s; rad/s].
-    pub tool_twist: Vector6<f64>,
-    /// J̇q̇, [linear; angular]: classical acceleration of the tool with q̈ = 0 [m/s²; rad/s²].
-    pub tool_jd_qd: Vector6<f64>,
+    /// V_BE = J q̇.
+    pub tool_velocity: Twist,
+    /// J̇q̇: A_BE for q̈ = 0.
+    pub tool_drift: SpatialAcceleration,
     joint_motions: [Motion; N],
 }
 
 /// Motion of a joint frame with q̈ = 0.
 #[derive(Debug, Clone, Copy)]
 struct Motion {
-    /// Angular velocity ω [rad/s].
-    angular: DVec3,
-    /// Velocity of the origin [m/s].
-    linear: DVec3,
-    /// Angular acceleration [rad/s²].
-    angular_bias: DVec3,
-    /// Acceleration of the origin [m/s²].
-    linear_bias: DVec3,
+    velocity: Twist,
+    drift: SpatialAcceleration,
 }
 
 impl Motion {
-    const REST: Self = Self {
-        angular: DVec3::ZERO,
-        linear: DVec3::ZERO,
-        angular_bias: DVec3::ZERO,
-        linear_bias: DVec3::ZERO,
-    };
+    const REST: Self = Self { velocity: Twist::ZERO, drift: SpatialAcceleration::ZERO };
 
-    const NAN: Self = Self {
-        angular: DVec3::NAN,
-        linear: DVec3::NAN,
-        angular_bias: DVec3::NAN,
-        linear_bias: DVec3::NAN,
-    };
-
-    /// Velocity of the point at `r` [m] from the origin, fixed to this frame.
-    fn velocity_at(&self, r: DVec3) -> DVec3 {
-        self.linear + self.angular.cross(r)
+    /// Motion of a frame that is fixed to this one, its origin `r` [m] from this one's.
+    fn shifted(&self, r: DVec3) -> Self {
+        Self {
+            velocity: self.velocity.shifted(r),
+            drift: self.drift.shifted(self.velocity.angular, r),
+        }
     }
-
-    /// Acceleration of that point: `a + ω̇ × r + ω × (ω × r)`.
-    fn bias_at(&self, r: DVec3) -> DVec3 {
-        self.linear_bias + self.angular_bias.cross(r) + self.angular.cross(self.angular.cross(r))
-    }
-}
-
-/// Motion of a point fixed to a moving link. Everything is expressed in `B`.
-#[derive(Debug, Clone, Copy)]
-pub struct PointKinematics<const N: usize> {
-    /// Position [m].
-    pub position: DVec3,
-    /// Velocity [m/s].
-    pub velocity: Vector3<f64>,
-    /// Jacobian, 3×N; columns of joints beyond the link are zero [m/rad or 1].
-    pub jacobian: SMatrix<f64, 3, N>,
-    /// J̇q̇: acceleration with q̈ = 0 [m/s²].
-    pub jd_qd: Vector3<f64>,
 }
 
 impl<const N: usize> Kinematics<N> {
     /// A workspace filled with NaN.
     pub fn new() -> Self {
+        let undefined =
+            Motion { velocity: Twist::UNDEFINED, drift: SpatialAcceleration::UNDEFINED };
         Self {
-            joint_rotations: [DMat3::NAN; N],
-            joint_positions: [DVec3::NAN; N],
-            tool_rotation: DMat3::NAN,
-            tool_position: DVec3::NAN,
+            joints: [Placement::UNDEFINED; N],
+            tool: Placement::UNDEFINED,
             tool_jacobian: SMatrix::from_element(f64::NAN),
-            tool_twist: Vector6::from_element(f64::NAN),
-            tool_jd_qd: Vector6::from_element(f64::NAN),
-            joint_motions: [Motion::NAN; N],
+            tool_velocity: Twist::UNDEFINED,
+            tool_drift: SpatialAcceleration::UNDEFINED,
+            joint_motions: [undefined; N],
         }
     }
 
-    /// Orientation of the tool R_BE as a unit quaternion; which of ±q it is, is not defined.
-    pub fn tool_orientation(&self) -> DQuat {
-        DQuat::from_mat3(&self.tool_rotation)
+    /// X_BE; which of the quaternions ±q it has, is not defined.
+    pub fn tool_pose(&self) -> Pose {
+        self.tool.pose()
+    }
+
+    /// p_BE, the origin of the tool [m].
+    pub fn tool_position(&self) -> DVec3 {
+        self.tool.position
+    }
+
+    /// A_BE = J q̈ + J̇q̇.
+    ///
+    /// * `q_dd`  joint accelerations q̈, N [rad/s² or m/s²]
+    pub fn tool_acceleration(&self, q_dd: &SVector<f64, N>) -> SpatialAcceleration {
+        SpatialAcceleration::from(self.tool_jacobian * q_dd) + self.tool_drift
     }
 }
 
@@ -107,38 +85,36 @@ impl<const N: usize> Default for Kinematics<N> {
     }
 }
 
-/// The joint's rotation at `q` [rad or m] in the frame before it, and its origin there [m].
+/// The joint frame at `q` [rad or m] in the one before it.
 ///
 /// * `sin`, `cos`  of q; not read for a prismatic joint
 #[inline(always)]
-pub(crate) fn joint_pose(joint: &JointModel, q: f64, sin: f64, cos: f64) -> (DMat3, DVec3) {
-    let JointModel { kind, rotation, position, .. } = joint;
-    match kind {
+pub(crate) fn joint_placement(joint: &JointModel, q: f64, sin: f64, cos: f64) -> Placement {
+    let Placement { rotation, position } = joint.placement;
+    match joint.kind {
         JointKind::Revolute => {
             let (x, y) = (rotation.x_axis, rotation.y_axis);
-            let turned = DMat3::from_cols(cos * x + sin * y, cos * y - sin * x, rotation.z_axis);
-            (turned, *position)
+            let rotation = DMat3::from_cols(cos * x + sin * y, cos * y - sin * x, rotation.z_axis);
+            Placement { rotation, position }
         }
-        JointKind::Prismatic => (*rotation, *position + q * rotation.z_axis),
+        JointKind::Prismatic => Placement { rotation, position: position + q * rotation.z_axis },
     }
 }
 
-/// R_BJ and p_BJ of all joint frames at `q`.
+/// X_BJ of all joint frames at `q`.
 #[inline(always)]
-pub(crate) fn joint_poses<const N: usize>(
+pub(crate) fn joint_placements<const N: usize>(
     chain: &Chain<N>,
     q: &SVector<f64, N>,
-    rotations: &mut [DMat3; N],
-    positions: &mut [DVec3; N],
-) {
+) -> [Placement; N] {
     let (sines, cosines) = sin_cos(&q.data.0[0]);
-    let (mut rotation_before, mut position_before) = (DMat3::IDENTITY, DVec3::ZERO);
+    let mut placements = [Placement::IDENTITY; N];
+    let mut before = Placement::IDENTITY;
     for i in 0..N {
-        let (rotation, position) = joint_pose(&chain.joints[i], q[i], sines[i], cosines[i]);
-        position_before += rotation_before * position;
-        rotation_before *= rotation;
-        (rotations[i], positions[i]) = (rotation_before, position_before);
+        before = before.compose(&joint_placement(&chain.joints[i], q[i], sines[i], cosines[i]));
+        placements[i] = before;
     }
+    placements
 }
 
 /// Poses and tool Jacobian at `q`, of an arm at rest: twist, J̇q̇ and all velocities become zero.
@@ -153,8 +129,8 @@ pub fn forward_kinematics<const N: usize>(
 ) {
     place(chain, q, kinematics);
     kinematics.joint_motions = [Motion::REST; N];
-    kinematics.tool_twist = Vector6::zeros();
-    kinematics.tool_jd_qd = Vector6::zeros();
+    kinematics.tool_velocity = Twist::ZERO;
+    kinematics.tool_drift = SpatialAcceleration::ZERO;
 }
 
 /// Poses, tool Jacobian, tool twist and J̇q̇ at `q`, `q̇`.
@@ -181,60 +157,50 @@ pub fn forward_kinematics_with_velocity<const N: usize>(
     let mut before = Motion::REST;
     let mut position_before = DVec3::ZERO;
     for i in 0..N {
-        let r = kinematics.joint_positions[i] - position_before;
-        let joint_velocity = kinematics.joint_rotations[i].z_axis * q_d[i];
-        let coriolis = before.angular.cross(joint_velocity);
-        let mut motion = Motion {
-            angular: before.angular,
-            linear: before.velocity_at(r),
-            angular_bias: before.angular_bias,
-            linear_bias: before.bias_at(r),
-        };
+        let Placement { rotation, position } = kinematics.joints[i];
+        let mut motion = before.shifted(position - position_before);
+        let joint_velocity = rotation.z_axis * q_d[i];
+        let coriolis = before.velocity.angular.cross(joint_velocity);
         match chain.joints[i].kind {
             JointKind::Revolute => {
-                motion.angular += joint_velocity;
-                motion.angular_bias += coriolis;
+                motion.velocity.angular += joint_velocity;
+                motion.drift.angular += coriolis;
             }
             JointKind::Prismatic => {
-                motion.linear += joint_velocity;
-                motion.linear_bias += 2.0 * coriolis;
+                motion.velocity.linear += joint_velocity;
+                motion.drift.linear += 2.0 * coriolis;
             }
         }
         kinematics.joint_motions[i] = motion;
         before = motion;
-        position_before = kinematics.joint_positions[i];
+        position_before = position;
     }
-    let r = kinematics.tool_position - position_before;
-    kinematics.tool_twist = stack(before.velocity_at(r), before.angular);
-    kinematics.tool_jd_qd = stack(before.bias_at(r), before.angular_bias);
+    let tool = before.shifted(kinematics.tool.position - position_before);
+    kinematics.tool_velocity = tool.velocity;
+    kinematics.tool_drift = tool.drift;
 }
 
 /// The part of the forward kinematics that needs no velocity.
 #[inline]
 fn place<const N: usize>(chain: &Chain<N>, q: &SVector<f64, N>, kinematics: &mut Kinematics<N>) {
-    let Kinematics { joint_rotations: rotations, joint_positions: positions, .. } = kinematics;
-    joint_poses(chain, q, rotations, positions);
-    let (rotation, position) = match (rotations.last(), positions.last()) {
-        (Some(rotation), Some(position)) => (*rotation, *position),
-        _ => (DMat3::IDENTITY, DVec3::ZERO),
-    };
-    let tool = position + rotation * chain.tool_position;
+    kinematics.joints = joint_placements(chain, q);
+    let joints = &kinematics.joints;
+    kinematics.tool = joints.last().unwrap_or(&Placement::IDENTITY).compose(&chain.tool);
+    let tool = kinematics.tool.position;
     for i in 0..N {
-        let (linear, angular) =
-            column(chain.joints[i].kind, rotations[i].z_axis, tool - positions[i]);
-        kinematics.tool_jacobian.set_column(i, &stack(linear, angular));
+        let column =
+            column(chain.joints[i].kind, joints[i].rotation.z_axis, tool - joints[i].position);
+        kinematics.tool_jacobian.set_column(i, &Vector6::from(column));
     }
-    kinematics.tool_position = tool;
-    kinematics.tool_rotation = rotation * chain.tool_rotation;
 }
 
 /// Column of a Jacobian for the point at `r` [m] from the joint frame, z the joint's axis:
 /// `[z × r; z]` for a revolute joint, `[z; 0]` for a prismatic one.
 #[inline]
-fn column(kind: JointKind, z: DVec3, r: DVec3) -> (DVec3, DVec3) {
+fn column(kind: JointKind, z: DVec3, r: DVec3) -> Twist {
     match kind {
-        JointKind::Revolute => (z.cross(r), z),
-        JointKind::Prismatic => (z, DVec3::ZERO),
+        JointKind::Revolute => Twist { linear: z.cross(r), angular: z },
+        JointKind::Prismatic => Twist { linear: z, angular: DVec3::ZERO },
     }
 }
 
@@ -247,57 +213,39 @@ pub fn point_position<const N: usize>(
     joint: usize,
     point: DVec3,
 ) -> DVec3 {
-    match (kinematics.joint_rotations.get(joint), kinematics.joint_positions.get(joint)) {
-        (Some(rotation), Some(position)) => *position + *rotation * point,
-        _ => DVec3::NAN,
-    }
+    kinematics.joints.get(joint).map_or(DVec3::NAN, |placement| placement.transform_point(point))
 }
 
-/// Position, velocity, Jacobian and J̇q̇ of the point at `point` [m] in the frame of `joint`.
+/// Motion in `B` of the point at `point` [m] in the frame of `joint`; columns of joints beyond it are
+/// zero.
 ///
 /// `kinematics` must be an evaluation of `chain`; the velocities are those of that evaluation. NaN
 /// when there is no such joint. Hot path: no allocation, no panic, O(N).
 #[inline]
-pub fn point_kinematics<const N: usize>(
+pub fn point_motion<const N: usize>(
     chain: &Chain<N>,
     kinematics: &Kinematics<N>,
     joint: usize,
     point: DVec3,
-) -> PointKinematics<N> {
-    let (Some(rotation), Some(origin), Some(motion)) = (
-        kinematics.joint_rotations.get(joint),
-        kinematics.joint_positions.get(joint),
-        kinematics.joint_motions.get(joint),
-    ) else {
-        return PointKinematics {
-            position: DVec3::NAN,
-            velocity: Vector3::from_element(f64::NAN),
-            jacobian: SMatrix::from_element(f64::NAN),
-            jd_qd: Vector3::from_element(f64::NAN),
-        };
+) -> PointMotion<N> {
+    let (Some(frame), Some(motion)) =
+        (kinematics.joints.get(joint), kinematics.joint_motions.get(joint))
+    else {
+        return PointMotion::UNDEFINED;
     };
-    let r = *rotation * point;
-    let position = *origin + r;
+    let r = frame.rotation * point;
+    let position = frame.position + r;
     let mut jacobian = SMatrix::<f64, 3, N>::zeros();
     for i in 0..=joint {
-        let z = kinematics.joint_rotations[i].z_axis;
-        let (linear, _) = column(chain.joints[i].kind, z, position - kinematics.joint_positions[i]);
-        jacobian.set_column(i, &vector(linear));
+        let Placement { rotation, position: origin } = kinematics.joints[i];
+        let column = column(chain.joints[i].kind, rotation.z_axis, position - origin);
+        jacobian.set_column(i, &column.linear.into());
     }
-    PointKinematics {
+    let motion = motion.shifted(r);
+    PointMotion {
         position,
-        velocity: vector(motion.velocity_at(r)),
+        velocity: motion.velocity.linear,
         jacobian,
-        jd_qd: vector(motion.bias_at(r)),
+        drift: motion.drift.linear.into(),
     }
-}
-
-#[inline]
-fn vector(v: DVec3) -> Vector3<f64> {
-    Vector3::new(v.x, v.y, v.z)
-}
-
-#[inline]
-fn stack(linear: DVec3, angular: DVec3) -> Vector6<f64> {
-    Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
 }

@@ -30,7 +30,7 @@
 //! [`Chain`] is the immutable model, built and checked once at start-up; [`Kinematics`] is the
 //! workspace, owned by the caller; the algorithms are free functions of both:
 //!
-//! * [`forward_kinematics`], [`forward_kinematics_with_velocity`], [`point_kinematics`]
+//! * [`forward_kinematics`], [`forward_kinematics_with_velocity`], [`point_motion`]
 //! * [`inverse_dynamics`], [`gravity_torques`], [`mass_matrix`], [`forward_dynamics`]
 //! * [`ControlPoints`]: spheres that cover the collision shapes
 //!
@@ -45,25 +45,27 @@
 
 mod chain;
 mod control_points;
+mod description;
 mod dynamics;
 mod error;
 mod inertia;
 mod kinematics;
+mod placement;
 mod self_pairs;
 mod trigonometry;
 mod urdf;
 
-pub use chain::{Chain, CollisionGeometry, CollisionShape, JointKind};
+pub use chain::Chain;
 pub use control_points::{
     CONTROL_POINT_CAPACITY, ControlPoint, ControlPointError, ControlPoints, INFLATION_MAX,
 };
+pub use description::{CollisionGeometry, CollisionShape, JointKind};
 pub use dynamics::{
     DynamicsError, forward_dynamics, gravity_torques, inverse_dynamics, mass_matrix,
 };
 pub use error::{UrdfError, UrdfErrorKind};
 pub use kinematics::{
-    Kinematics, PointKinematics, forward_kinematics, forward_kinematics_with_velocity,
-    point_kinematics, point_position,
+    Kinematics, forward_kinematics, forward_kinematics_with_velocity, point_motion, point_position,
 };
 pub use self_pairs::{Ignored, SelfPairs};
 pub use urdf::{JOINTS_MAX, JOINTS_MIN, Selection, count_joints};

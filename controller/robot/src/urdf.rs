@@ -7,12 +7,13 @@ use glam::{DMat3, DVec3};
 use nalgebra::Matrix3;
 use urdf_rs::{Geometry, Joint, JointType, Link, Pose, Robot};
 
-use crate::chain::{
+use crate::description::{
     ChainDescription, CollisionGeometry, CollisionShape, JointDescription, JointKind, JointLimits,
     JointModel,
 };
 use crate::error::{UrdfError, UrdfErrorKind as Kind};
 use crate::inertia::SpatialInertia;
+use crate::placement::Placement;
 
 /// Fewest movable joints of a chain.
 pub const JOINTS_MIN: usize = 2;
@@ -78,12 +79,11 @@ pub(crate) fn read(file: &Path) -> Result<Robot, Kind> {
     urdf_rs::read_from_string(&text).map_err(|error| Kind::NotUrdf(error.to_string()))
 }
 
-/// Where a link stands: the joint frame that carries it (none: the base) and its pose there.
+/// Where a link is fixed: the joint that moves it (none: the base) and its placement in that frame.
 #[derive(Clone, Copy)]
 struct Anchor {
     joint: Option<usize>,
-    rotation: DMat3,
-    position: DVec3,
+    placement: Placement,
 }
 
 /// Checks the robot and folds it into the selected chain.
@@ -95,11 +95,11 @@ pub(crate) fn describe(robot: &Robot, selection: &Selection) -> Result<ChainDesc
 
     let mut joints: Vec<JointDescription> = Vec::new();
     let mut links = Vec::new();
-    let mut link_poses = Vec::new();
+    let mut link_placements = Vec::new();
     let mut collision_shapes = Vec::new();
     let mut tool = None;
 
-    let base = Anchor { joint: None, rotation: DMat3::IDENTITY, position: DVec3::ZERO };
+    let base = Anchor { joint: None, placement: Placement::IDENTITY };
     // Depth first from the root; each link is visited once, as it has one parent.
     let mut open = vec![(root, base)];
     while let Some((name, anchor)) = open.pop() {
@@ -108,51 +108,40 @@ pub(crate) fn describe(robot: &Robot, selection: &Selection) -> Result<ChainDesc
         let shapes = link_shapes(link)?;
         if let Some(joint) = anchor.joint {
             let body = &mut joints[joint].model.inertia;
-            *body = body.plus(&inertia.moved(&anchor.rotation, anchor.position));
-            for (rotation, position, geometry) in shapes {
-                collision_shapes.push(CollisionShape {
-                    link: links.len(),
-                    joint,
-                    rotation: anchor.rotation * rotation,
-                    position: anchor.rotation * position + anchor.position,
-                    geometry,
-                });
+            *body = body.plus(&inertia.moved(&anchor.placement));
+            for (placement, geometry) in shapes {
+                let placement = anchor.placement.compose(&placement);
+                let link = links.len();
+                collision_shapes.push(CollisionShape { link, joint, placement, geometry });
             }
             links.push((link.name.clone(), joint));
-            link_poses.push((anchor.rotation, anchor.position));
+            link_placements.push(anchor.placement);
         }
         if name == tool_link {
             tool = Some(anchor);
         }
         // In reverse, so that links come in the order of the file.
         for joint in tree.children(name).rev() {
-            let (rotation, position) = pose("joint", &joint.name, &joint.origin)?;
-            let child = Anchor {
-                joint: anchor.joint,
-                rotation: anchor.rotation * rotation,
-                position: anchor.rotation * position + anchor.position,
-            };
+            let origin = placement("joint", &joint.name, &joint.origin)?;
+            let child = Anchor { placement: anchor.placement.compose(&origin), ..anchor };
             let on_path = path.iter().any(|other| other.name == joint.name);
             let child = match tree.joint_kind(joint) {
                 Ok(None) => child,
                 Ok(Some(kind)) if on_path => {
-                    let axis = joint_frame(unit_axis(joint)?);
+                    let rotation = joint_frame(unit_axis(joint)?);
+                    let axis = Placement { rotation, position: DVec3::ZERO };
+                    let back = Placement { rotation: rotation.transpose(), ..axis };
                     // The path is walked from the root, so joints come in its order.
                     joints.push(JointDescription {
                         name: joint.name.clone(),
                         limits: joint_limits(joint)?,
                         model: JointModel {
                             kind,
-                            rotation: child.rotation * axis,
-                            position: child.position,
+                            placement: child.placement.compose(&axis),
                             inertia: SpatialInertia::ZERO,
                         },
                     });
-                    Anchor {
-                        joint: Some(joints.len() - 1),
-                        rotation: axis.transpose(),
-                        position: DVec3::ZERO,
-                    }
+                    Anchor { joint: Some(joints.len() - 1), placement: back }
                 }
                 Err(error) if on_path => return Err(error),
                 _ => {
@@ -167,15 +156,13 @@ pub(crate) fn describe(robot: &Robot, selection: &Selection) -> Result<ChainDesc
         }
     }
 
-    let Anchor { rotation: tool_rotation, position: tool_position, .. } = tool.unwrap_or(base);
     Ok(ChainDescription {
         root_link: root.to_owned(),
         tool_link: tool_link.to_owned(),
         joints,
         links,
-        link_poses,
-        tool_rotation,
-        tool_position,
+        link_placements,
+        tool: tool.unwrap_or(base).placement,
         collision_shapes,
     })
 }
@@ -369,13 +356,13 @@ fn link_inertia(link: &Link) -> Result<SpatialInertia, Kind> {
     if moments.min() < PRINCIPAL_MOMENT_MIN * moments.amax() {
         return Err(Kind::NegativeInertia { link: link.name.clone(), found: moments.min() });
     }
-    let (rotation, centre) = pose("link", &link.name, &link.inertial.origin)?;
+    let Placement { rotation, position } = placement("link", &link.name, &link.inertial.origin)?;
     let tensor = rotation * DMat3::from_cols_array_2d(&rows) * rotation.transpose();
-    Ok(SpatialInertia::from_centre(mass, centre, tensor))
+    Ok(SpatialInertia::from_centre(mass, position, tensor))
 }
 
 /// Collision shapes of a link in its own frame.
-fn link_shapes(link: &Link) -> Result<Vec<(DMat3, DVec3, CollisionGeometry)>, Kind> {
+fn link_shapes(link: &Link) -> Result<Vec<(Placement, CollisionGeometry)>, Kind> {
     let dimension = |dimension, found: f64| {
         finite("link", &link.name, "collision geometry", &[found])?;
         if found > 0.0 {
@@ -387,7 +374,7 @@ fn link_shapes(link: &Link) -> Result<Vec<(DMat3, DVec3, CollisionGeometry)>, Ki
     link.collision
         .iter()
         .map(|collision| {
-            let (rotation, position) = pose("link", &link.name, &collision.origin)?;
+            let placement = placement("link", &link.name, &collision.origin)?;
             let geometry = match &collision.geometry {
                 Geometry::Cylinder { radius, length } => CollisionGeometry::Cylinder {
                     radius: dimension("radius", *radius)?,
@@ -409,19 +396,19 @@ fn link_shapes(link: &Link) -> Result<Vec<(DMat3, DVec3, CollisionGeometry)>, Ki
                 },
                 Geometry::Mesh { .. } => CollisionGeometry::Mesh,
             };
-            Ok((rotation, position, geometry))
+            Ok((placement, geometry))
         })
         .collect()
 }
 
-/// The pose of an `<origin>`: rotation about x (roll), then y (pitch), then z (yaw) of the parent.
-fn pose(element: &'static str, name: &str, origin: &Pose) -> Result<(DMat3, DVec3), Kind> {
+/// The placement of an `<origin>`: rotation about x (roll), then y (pitch), then z (yaw) of the parent.
+fn placement(element: &'static str, name: &str, origin: &Pose) -> Result<Placement, Kind> {
     finite(element, name, "origin xyz", &origin.xyz.0)?;
     finite(element, name, "origin rpy", &origin.rpy.0)?;
     let [roll, pitch, yaw] = origin.rpy.0;
     let rotation =
         DMat3::from_rotation_z(yaw) * DMat3::from_rotation_y(pitch) * DMat3::from_rotation_x(roll);
-    Ok((rotation, DVec3::from_array(origin.xyz.0)))
+    Ok(Placement { rotation, position: DVec3::from_array(origin.xyz.0) })
 }
 
 fn finite(

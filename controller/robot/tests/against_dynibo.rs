@@ -6,7 +6,7 @@ use std::path::Path;
 
 use common::{data_file, point2d, pybullet_file, robot_file, skew, states, ur5};
 use dynibo::Robot;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use nalgebra::{DMatrix, SMatrix, SVector};
 use tprmp_robot::{
     Chain, Kinematics, Selection, forward_dynamics, forward_kinematics_with_velocity,
@@ -54,17 +54,17 @@ fn compare<const N: usize>(chain: &Chain<N>, file: &Path, held: usize, seed: u64
         forward_kinematics_with_velocity(chain, &q, &q_d, &mut kinematics);
 
         let pose = oracle.forward_kinematics(s, tool).unwrap();
-        let position = SVector::from(kinematics.tool_position.to_array());
-        close("position", position, SVector::from_column_slice(pose.translation.vector.as_slice()));
-        let rotation = kinematics.tool_rotation.to_cols_array_2d();
+        let found = kinematics.tool_pose();
+        let theirs = SVector::from_column_slice(pose.translation.vector.as_slice());
+        close("position", found.position.into(), theirs);
         let theirs = pose.rotation.to_rotation_matrix();
         let theirs = SMatrix::from_column_slice(theirs.matrix().as_slice());
-        close("orientation", SMatrix::from(rotation), theirs);
+        close("orientation", DMat3::from_quat(found.orientation).into(), theirs);
 
         oracle.jacobian(s, tool, &mut columns).unwrap();
         close("Jacobian", kinematics.tool_jacobian, linear_first(&columns[..6 * N]));
         oracle.jacobian_derivative(s, s_d, tool, &mut columns).unwrap();
-        close("J̇q̇", kinematics.tool_jd_qd, linear_first::<N>(&columns[..6 * N]) * q_d);
+        close("J̇q̇", kinematics.tool_drift.into(), linear_first::<N>(&columns[..6 * N]) * q_d);
 
         oracle.mass_matrix(s, &mut matrix).unwrap();
         let theirs = DMatrix::from_column_slice(count, count, &matrix);

@@ -9,8 +9,8 @@ mod allocation;
 use common::{GRAVITY, states, ur5};
 use tprmp_robot::{
     ControlPoints, Kinematics, forward_dynamics, forward_kinematics,
-    forward_kinematics_with_velocity, gravity_torques, inverse_dynamics, mass_matrix,
-    point_kinematics, point_position,
+    forward_kinematics_with_velocity, gravity_torques, inverse_dynamics, mass_matrix, point_motion,
+    point_position,
 };
 
 #[global_allocator]
@@ -30,7 +30,7 @@ fn evaluation_allocates_nothing() {
         forward_kinematics_with_velocity(&chain, q, q_d, &mut kinematics);
         for point in points.as_slice() {
             sum += point_position(&kinematics, point.joint, point.centre).x;
-            sum += point_kinematics(&chain, &kinematics, point.joint, point.centre).jd_qd.x;
+            sum += point_motion(&chain, &kinematics, point.joint, point.centre).drift.x;
         }
         let torques = inverse_dynamics(&chain, q, q_d, q_dd, GRAVITY);
         sum += gravity_torques(&chain, q, GRAVITY).sum() + mass_matrix(&chain, q).sum();

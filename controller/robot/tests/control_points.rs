@@ -58,10 +58,11 @@ fn is_covered<const N: usize>(chain: &Chain<N>, shapes: usize) {
     let points = ControlPoints::new(chain).unwrap();
     assert_eq!(chain.collision_shapes().len(), shapes);
     assert!(points.as_slice().len() <= CONTROL_POINT_CAPACITY);
-    for CollisionShape { link, joint, rotation, position, geometry } in chain.collision_shapes() {
+    for shape in chain.collision_shapes() {
+        let (CollisionShape { link, joint, geometry, .. }, pose) = (shape, shape.pose());
         assert_eq!(chain.moving_links()[*link].1, *joint);
         for _ in 0..SAMPLES {
-            let point = *position + *rotation * surface_point(*geometry, &mut rng);
+            let point = pose.transform_point(surface_point(*geometry, &mut rng));
             let covered = points.as_slice().iter().any(|sphere| {
                 sphere.link == *link
                     && sphere.joint == *joint
@@ -79,7 +80,7 @@ fn the_ur5_is_covered() {
 }
 
 #[test]
-fn boxes_spheres_and_turned_cylinders_are_covered() {
+fn boxes_spheres_and_rotated_cylinders_are_covered() {
     is_covered(&skew(), 4);
     is_covered(&point2d(), 1);
 }
@@ -101,9 +102,7 @@ fn spheres_exceed_the_shape_by_the_documented_inflation() {
             .as_slice()
             .iter()
             .filter(|sphere| sphere.link == shape.link)
-            .map(|sphere| {
-                (shape.rotation.transpose() * (sphere.centre - shape.position), sphere.radius)
-            })
+            .map(|sphere| (shape.pose().inverse().transform_point(sphere.centre), sphere.radius))
             .filter(|(centre, _)| {
                 centre.truncate().length() < ROUNDING_M && centre.z.abs() < length / 2.0
             })
@@ -142,12 +141,12 @@ fn folded_links_keep_their_place() {
     let points = ControlPoints::new(&chain).unwrap();
     let mut kinematics = Kinematics::new();
     forward_kinematics(&chain, &[0.3, -1.2, 1.1, 0.4, -0.7, 2.0].into(), &mut kinematics);
-    let inverse = kinematics.tool_rotation.transpose();
+    let to_tool = kinematics.tool_pose().inverse();
     let mut found = 0;
     for sphere in points.as_slice() {
         if chain.moving_links()[sphere.link].0 == "suction_tool" {
             let centre = point_position(&kinematics, sphere.joint, sphere.centre);
-            let in_tool = inverse * (centre - kinematics.tool_position);
+            let in_tool = to_tool.transform_point(centre);
             assert!(in_tool.truncate().length() < ROUNDING_M);
             assert!((-0.12..0.0).contains(&in_tool.z), "behind the tip");
             found += 1;
@@ -218,7 +217,7 @@ fn listed_spheres_lie_where_their_links_are() {
     let q = [0.3, -1.2, 1.4, -1.8, -1.5, 0.7].into();
     let mut kinematics = tprmp_robot::Kinematics::new();
     tprmp_robot::forward_kinematics(&to_tool, &q, &mut kinematics);
-    let expected = kinematics.tool_position + kinematics.tool_rotation * DVec3::new(0.0, 0.0, 0.05);
+    let expected = kinematics.tool_pose().transform_point(DVec3::Z * 0.05);
     let tool = points.as_slice()[1];
     let found = tprmp_robot::point_position(&kinematics, tool.joint, tool.centre);
     assert!((found - expected).length() < 1e-12, "{found} {expected}");

@@ -4,12 +4,13 @@ mod common;
 
 use common::{GRAVITY, point2d, skew, states, ur5};
 use glam::{DMat3, DVec3};
-use nalgebra::{SVector, Vector6};
+use nalgebra::SVector;
 use tprmp_robot::{
     Chain, DynamicsError, Kinematics, forward_dynamics, forward_kinematics,
-    forward_kinematics_with_velocity, gravity_torques, inverse_dynamics, mass_matrix,
-    point_kinematics, point_position,
+    forward_kinematics_with_velocity, gravity_torques, inverse_dynamics, mass_matrix, point_motion,
+    point_position,
 };
+use tprmp_spatial::{SpatialAcceleration, Twist};
 
 /// Step of the central differences [s]: their error is about step² times a third derivative.
 const STEP_S: f64 = 1e-5;
@@ -114,6 +115,11 @@ fn along<const N: usize>(
     q + q_d * t + q_dd * (t * t / 2.0)
 }
 
+/// R_BE.
+fn rotation<const N: usize>(kinematics: &Kinematics<N>) -> DMat3 {
+    DMat3::from_quat(kinematics.tool_pose().orientation)
+}
+
 #[test]
 fn twist_and_its_derivative() {
     fn check<const N: usize>(chain: &Chain<N>, seed: u64) {
@@ -124,22 +130,21 @@ fn twist_and_its_derivative() {
             forward_kinematics_with_velocity(chain, &q, &q_d, &mut here);
             forward_kinematics_with_velocity(chain, &(q + q_d * STEP_S), &q_d, &mut after);
             forward_kinematics_with_velocity(chain, &(q - q_d * STEP_S), &q_d, &mut before);
-            close("J q̇", here.tool_jacobian * q_d, here.tool_twist, DEVIATION_MAX);
+            close("J q̇", here.tool_jacobian * q_d, here.tool_velocity.into(), DEVIATION_MAX);
             // With constant q̇ the twist changes by J̇q̇ alone.
-            let change = (after.tool_twist - before.tool_twist) / (2.0 * STEP_S);
-            close("J̇q̇", here.tool_jd_qd, change, DIFFERENCE_MAX);
+            let change = (after.tool_velocity - before.tool_velocity) * (0.5 / STEP_S);
+            close("J̇q̇", here.tool_drift.into(), change.into(), DIFFERENCE_MAX);
             let jacobian_change = (after.tool_jacobian - before.tool_jacobian) / (2.0 * STEP_S);
-            close("dJ/dt q̇", here.tool_jd_qd, jacobian_change * q_d, DIFFERENCE_MAX);
+            close("dJ/dt q̇", here.tool_drift.into(), jacobian_change * q_d, DIFFERENCE_MAX);
 
-            let linear = (after.tool_position - before.tool_position) / (2.0 * STEP_S);
+            let linear = (after.tool_position() - before.tool_position()) / (2.0 * STEP_S);
             // Ṙ Rᵀ = [ω]×
-            let turn = (after.tool_rotation - before.tool_rotation)
+            let rate = (rotation(&after) - rotation(&before))
                 * (0.5 / STEP_S)
-                * here.tool_rotation.transpose();
-            let angular = DVec3::new(turn.y_axis.z, turn.z_axis.x, turn.x_axis.y);
-            let moved =
-                Vector6::from_iterator(linear.to_array().into_iter().chain(angular.to_array()));
-            close("twist", here.tool_twist, moved, DIFFERENCE_MAX);
+                * rotation(&here).transpose();
+            let angular = DVec3::new(rate.y_axis.z, rate.z_axis.x, rate.x_axis.y);
+            let moved = Twist { linear, angular };
+            close("twist", here.tool_velocity.into(), moved.into(), DIFFERENCE_MAX);
         }
     }
     for_each_robot!(check);
@@ -156,15 +161,15 @@ fn points_of_each_link() {
             forward_kinematics_with_velocity(chain, &(q + q_d * STEP_S), &q_d, &mut after);
             forward_kinematics_with_velocity(chain, &(q - q_d * STEP_S), &q_d, &mut before);
             for joint in 0..N {
-                let point = point_kinematics(chain, &here, joint, POINT);
-                let next = point_kinematics(chain, &after, joint, POINT);
-                let last = point_kinematics(chain, &before, joint, POINT);
+                let point = point_motion(chain, &here, joint, POINT);
+                let next = point_motion(chain, &after, joint, POINT);
+                let last = point_motion(chain, &before, joint, POINT);
                 assert_eq!(point.position, point_position(&here, joint, POINT));
-                close("J q̇", point.jacobian * q_d, point.velocity, DEVIATION_MAX);
+                close("J q̇", point.jacobian * q_d, point.velocity.into(), DEVIATION_MAX);
                 let moved = (next.position - last.position) / (2.0 * STEP_S);
-                close("velocity", point.velocity, moved.to_array().into(), DIFFERENCE_MAX);
+                close("velocity", point.velocity.into(), moved.into(), DIFFERENCE_MAX);
                 let change = (next.velocity - last.velocity) / (2.0 * STEP_S);
-                close("J̇q̇", point.jd_qd, change, DIFFERENCE_MAX);
+                close("J̇q̇", point.drift, change.into(), DIFFERENCE_MAX);
                 for beyond in joint + 1..N {
                     assert_eq!(point.jacobian.column(beyond).amax(), 0.0);
                 }
@@ -181,10 +186,10 @@ fn the_tool_is_a_point_of_the_last_link() {
     for [q, q_d, _] in states::<6>(21) {
         forward_kinematics_with_velocity(&chain, &q, &q_d, &mut kinematics);
         // The tip stands 0.0823 + 0.12 m along z of the last joint frame.
-        let tip = point_kinematics(&chain, &kinematics, 5, DVec3::Z * 0.2023);
-        assert!((tip.position - kinematics.tool_position).length() < 1e-15);
-        close("velocity", tip.velocity, kinematics.tool_twist.fixed_rows::<3>(0).into(), 1e-14);
-        close("J̇q̇", tip.jd_qd, kinematics.tool_jd_qd.fixed_rows::<3>(0).into(), 1e-14);
+        let tip = point_motion(&chain, &kinematics, 5, DVec3::Z * 0.2023);
+        assert!((tip.position - kinematics.tool_position()).length() < 1e-15);
+        assert!((tip.velocity - kinematics.tool_velocity.linear).abs().max_element() < 1e-14);
+        close("J̇q̇", tip.drift, kinematics.tool_drift.linear.into(), 1e-14);
     }
 }
 
@@ -196,27 +201,31 @@ fn without_velocity_the_arm_is_at_rest() {
         for [q, q_d, _] in states::<N>(seed) {
             forward_kinematics(chain, &q, &mut still);
             forward_kinematics_with_velocity(chain, &q, &q_d, &mut moving);
-            assert_eq!(still.tool_position, moving.tool_position);
-            assert_eq!(still.tool_rotation, moving.tool_rotation);
+            assert_eq!(still.tool_pose(), moving.tool_pose());
             assert_eq!(still.tool_jacobian, moving.tool_jacobian);
-            assert_eq!(still.tool_twist, Vector6::zeros());
-            assert_eq!(still.tool_jd_qd, Vector6::zeros());
-            let point = point_kinematics(chain, &still, N - 1, POINT);
-            assert_eq!((point.velocity.amax(), point.jd_qd.amax()), (0.0, 0.0));
+            assert_eq!(still.tool_velocity, Twist::ZERO);
+            assert_eq!(still.tool_drift, SpatialAcceleration::ZERO);
+            let point = point_motion(chain, &still, N - 1, POINT);
+            assert_eq!((point.velocity.length(), point.drift.amax()), (0.0, 0.0));
         }
     }
     for_each_robot!(check);
 }
 
 #[test]
-fn orientation_is_the_rotation_as_a_quaternion() {
+fn the_tool_s_orientation_is_fixed_to_the_last_link() {
     let chain = ur5();
     let mut kinematics = Kinematics::new();
+    let mut fixed: Option<DMat3> = None;
     for [q, _, _] in states::<6>(22) {
         forward_kinematics(&chain, &q, &mut kinematics);
-        let orientation = kinematics.tool_orientation();
+        let orientation = kinematics.tool_pose().orientation;
         assert!((orientation.length() - 1.0).abs() < 1e-14);
-        assert!(DMat3::from_quat(orientation).abs_diff_eq(kinematics.tool_rotation, 1e-13));
+        let origin = point_position(&kinematics, 5, DVec3::ZERO);
+        let [x, y, z] = DVec3::AXES.map(|axis| point_position(&kinematics, 5, axis) - origin);
+        // R_EJ
+        let found = rotation(&kinematics).transpose() * DMat3::from_cols(x, y, z);
+        assert!(fixed.get_or_insert(found).abs_diff_eq(found, 1e-13));
     }
 }
 
@@ -227,8 +236,8 @@ fn ur5_stands_where_the_published_figures_put_it() {
     // All joints at zero: the arm lies along −x of its base, the tool points along −y.
     forward_kinematics(&chain, &SVector::zeros(), &mut kinematics);
     let expected = DVec3::new(-0.425 - 0.39225, -0.10915 - 0.0823 - 0.12, 0.089159 - 0.09465);
-    assert!((kinematics.tool_position - expected).length() < 1e-12);
-    assert!((kinematics.tool_rotation.z_axis + DVec3::Y).length() < 1e-12);
+    assert!((kinematics.tool_position() - expected).length() < 1e-12);
+    assert!((rotation(&kinematics).z_axis + DVec3::Y).length() < 1e-12);
     assert_eq!(chain.root_link(), "base");
     assert_eq!(chain.tool_link(), "suction_tip");
     assert_eq!(chain.joint_names()[0], "shoulder_pan_joint");
@@ -246,8 +255,8 @@ fn the_plane_robot_is_a_unit_mass() {
     assert_eq!(chain.effort_max().as_slice(), [400.0, 400.0]);
     let mut kinematics = Kinematics::new();
     forward_kinematics(&chain, &SVector::from([1.0, -2.0]), &mut kinematics);
-    assert_eq!(kinematics.tool_position, DVec3::new(1.0, -2.0, 0.0));
-    assert!(kinematics.tool_rotation.abs_diff_eq(DMat3::IDENTITY, 1e-15));
+    assert_eq!(kinematics.tool_position(), DVec3::new(1.0, -2.0, 0.0));
+    assert!(rotation(&kinematics).abs_diff_eq(DMat3::IDENTITY, 1e-15));
 }
 
 #[test]
@@ -259,7 +268,7 @@ fn what_is_not_finite_stays_so_and_never_panics() {
         q[2] = bad;
         let mut kinematics = Kinematics::new();
         forward_kinematics_with_velocity(&chain, &q, &zero, &mut kinematics);
-        assert!(kinematics.tool_position.is_nan());
+        assert!(kinematics.tool_position().is_nan());
         assert!(inverse_dynamics(&chain, &q, &zero, &zero, GRAVITY).iter().any(|t| t.is_nan()));
         assert_eq!(
             forward_dynamics(&chain, &q, &zero, &zero, GRAVITY),
@@ -267,8 +276,8 @@ fn what_is_not_finite_stays_so_and_never_panics() {
         );
     }
     let mut kinematics = Kinematics::new();
-    assert!(kinematics.tool_position.is_nan());
+    assert!(kinematics.tool_position().is_nan());
     forward_kinematics(&chain, &zero, &mut kinematics);
     assert!(point_position(&kinematics, 6, POINT).is_nan());
-    assert!(point_kinematics(&chain, &kinematics, 6, POINT).jacobian.iter().all(|j| j.is_nan()));
+    assert!(point_motion(&chain, &kinematics, 6, POINT).jacobian.iter().all(|j| j.is_nan()));
 }

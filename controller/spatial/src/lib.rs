@@ -12,6 +12,7 @@
 //! | [`SpatialAcceleration`] | A_AB | acceleration of B's origin \[m/s²\] and angular acceleration \[rad/s²\] |
 //! | [`Wrench`] | F_B | force \[N\] and torque about B's origin \[N m\] |
 //! | [`MovingPose`] | X, V, A | a frame with its motion |
+//! | [`PointMotion`] | x, ẋ, J, J̇q̇ | a point of a mechanism with N coordinates |
 //! | [`jet::Jet`] | u, u̇, ü | a number with its first two time derivatives |
 //! | [`rotation`] | exp, log, J_r | the geometry of orientations |
 //!
@@ -35,10 +36,12 @@
 
 pub mod jet;
 mod moving_pose;
+mod point_motion;
 mod pose;
 pub mod rotation;
 mod vectors;
 
 pub use moving_pose::MovingPose;
+pub use point_motion::PointMotion;
 pub use pose::Pose;
 pub use vectors::{SpatialAcceleration, Twist, Wrench};

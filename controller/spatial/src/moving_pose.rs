@@ -1,9 +1,10 @@
 //! A frame with its motion.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 use crate::jet::{Jet, Vec3};
-use crate::{Pose, SpatialAcceleration, Twist};
+use crate::pose::Pose;
+use crate::vectors::{SpatialAcceleration, Twist};
 
 /// X, V and A of a frame, all expressed in the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,6 +51,19 @@ impl MovingPose {
             pose: self.pose.compose(x_fg),
             velocity: Twist { linear: origin.first(), ..self.velocity },
             acceleration: SpatialAcceleration { linear: origin.second(), ..self.acceleration },
+        }
+    }
+}
+
+impl Pose {
+    /// The pose after `dt_s` \[s\] with a constant velocity, expressed in A:
+    /// p + v dt and exp(ω dt) q.
+    #[must_use]
+    pub fn advanced(&self, velocity: &Twist, dt_s: f64) -> Self {
+        let rotation = DQuat::from_scaled_axis(velocity.angular * dt_s);
+        Self {
+            position: self.position + velocity.linear * dt_s,
+            orientation: (rotation * self.orientation).normalize(),
         }
     }
 }

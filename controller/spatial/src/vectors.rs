@@ -5,7 +5,7 @@ use core::ops::{Add, Mul, Neg, Sub};
 use glam::DVec3;
 use nalgebra::Vector6;
 
-use crate::Pose;
+use crate::pose::Pose;
 
 /// Defines a pair of vectors with the arithmetic of a six-dimensional vector space.
 macro_rules! six_vector {
@@ -22,6 +22,8 @@ macro_rules! six_vector {
         impl $name {
             /// Zero.
             pub const ZERO: Self = Self { $first: DVec3::ZERO, $second: DVec3::ZERO };
+            /// Not yet known: every number is NaN.
+            pub const UNDEFINED: Self = Self { $first: DVec3::NAN, $second: DVec3::NAN };
 
             /// Whether every number of it is finite.
             #[must_use]
@@ -114,6 +116,16 @@ six_vector!(
 );
 
 impl Twist {
+    /// The velocity after `dt_s` \[s\] with an acceleration: V + A dt.
+    #[inline]
+    #[must_use]
+    pub fn advanced(&self, acceleration: &SpatialAcceleration, dt_s: f64) -> Self {
+        Self {
+            linear: self.linear + acceleration.linear * dt_s,
+            angular: self.angular + acceleration.angular * dt_s,
+        }
+    }
+
     /// V_AC of a frame C that is fixed to B, its origin `r` from B's \[m\], expressed in A:
     /// v_C = v_B + ω × r.
     #[inline]
@@ -136,6 +148,19 @@ impl Twist {
     #[must_use]
     pub fn power(&self, wrench: &Wrench) -> f64 {
         self.linear.dot(wrench.force) + self.angular.dot(wrench.torque)
+    }
+}
+
+impl SpatialAcceleration {
+    /// A_AC of a frame C that is fixed to B, its origin `r` from B's \[m\], expressed in A:
+    /// a_C = a_B + α × r + ω × (ω × r).
+    ///
+    /// * `angular`  ω_AB \[rad/s\]
+    #[inline]
+    #[must_use]
+    pub fn shifted(&self, angular: DVec3, r: DVec3) -> Self {
+        let linear = self.linear + self.angular.cross(r) + angular.cross(angular.cross(r));
+        Self { linear, angular: self.angular }
     }
 }
 

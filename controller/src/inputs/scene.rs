@@ -4,7 +4,7 @@ use glam::{DQuat, DVec3};
 use tprmp_messages::{Frame, NAME_CAPACITY, OBSTACLE_CAPACITY, ObstacleKind, Reason, TaskFrames};
 use tprmp_model::controller_config::FrameObserver;
 use tprmp_rmpflow::leaves::{Obstacle, Shape};
-use tprmp_rmpflow::policy::thesis::product_skill::FRAME_CAPACITY;
+use tprmp_rmpflow::policy::FRAME_CAPACITY;
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
 /// The frames a skill needs and the obstacles, checked, in fixed storage.
@@ -149,7 +149,7 @@ fn moving_pose(frame: &Frame) -> MovingPose {
 /// A checked obstacle.
 fn shaped(obstacle: &tprmp_messages::Obstacle, kind: ObstacleKind) -> Obstacle {
     let [x, y, z] = obstacle.size;
-    let (shape, turns) = match kind {
+    let (shape, rotates) = match kind {
         ObstacleKind::Sphere => (Shape::Sphere { radius: x }, false),
         ObstacleKind::Capsule => (Shape::Capsule { radius: x, half_length: 0.5 * y }, true),
         ObstacleKind::Box => (Shape::Box { half_size: 0.5 * DVec3::new(x, y, z) }, true),
@@ -158,10 +158,14 @@ fn shaped(obstacle: &tprmp_messages::Obstacle, kind: ObstacleKind) -> Obstacle {
     // A ball looks the same from all sides: its orientation may be left out.
     Obstacle {
         shape,
-        position: obstacle.position.into(),
-        orientation: if turns { unit(obstacle.quaternion) } else { DQuat::IDENTITY },
-        velocity: obstacle.linear_velocity.into(),
-        angular_velocity: if turns { obstacle.angular_velocity.into() } else { DVec3::ZERO },
+        pose: Pose {
+            position: obstacle.position.into(),
+            orientation: if rotates { unit(obstacle.quaternion) } else { DQuat::IDENTITY },
+        },
+        velocity: Twist {
+            linear: obstacle.linear_velocity.into(),
+            angular: if rotates { obstacle.angular_velocity.into() } else { DVec3::ZERO },
+        },
     }
 }
 
@@ -218,9 +222,9 @@ mod tests {
         let [ball, capsule, cuboid] = scene.obstacles() else { panic!("three obstacles") };
         assert_eq!(ball.shape, Shape::Sphere { radius: 0.06 });
         assert_eq!(capsule.shape, Shape::Capsule { radius: 0.05, half_length: 0.2 });
-        assert_eq!(capsule.angular_velocity, DVec3::Y);
+        assert_eq!(capsule.velocity.angular, DVec3::Y);
         assert_eq!(cuboid.shape, Shape::Box { half_size: DVec3::new(0.05, 0.1, 0.15) });
-        assert_eq!(cuboid.velocity, DVec3::X * 0.1);
+        assert_eq!(cuboid.velocity.linear, DVec3::X * 0.1);
     }
 
     fn scene() -> Scene {

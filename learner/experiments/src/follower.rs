@@ -1,13 +1,11 @@
 //! What all compared policies have in common: they say how they want to accelerate.
 
 use glam::DVec3;
-use nalgebra::{DMatrix, Vector6};
+use nalgebra::DMatrix;
 use tprmp_model::skill_model::{EvaluationError, Policy, SkillModel};
 use tprmp_rmpflow::natural::Natural;
-use tprmp_rmpflow::policy::canonical::skill::{SkillInertia, SkillValue};
-use tprmp_rmpflow::policy::governor::SpeedGovernor;
-use tprmp_rmpflow::policy::{self, PolicyState};
-use tprmp_spatial::{MovingPose, Pose};
+use tprmp_rmpflow::policy::{PolicyState, SkillInertia, SkillPolicy, SkillValue, SpeedGovernor};
+use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
 /// Inertia of a point that obeys a policy without an inertia of its own, the certified one's at the
 /// goal included [kg]: about what γ = 0.25 gives a skill of 2.75 m, so that a force does to all what
@@ -31,10 +29,8 @@ pub struct Moment<'a> {
     pub frames: &'a [MovingPose],
     /// Pose.
     pub pose: Pose,
-    /// Its velocity [m/s].
-    pub linear: DVec3,
-    /// Its angular velocity [rad/s].
-    pub angular: DVec3,
+    /// Its velocity.
+    pub velocity: Twist,
 }
 
 /// What a policy wants.
@@ -51,8 +47,8 @@ pub trait Follower {
     /// What it wants now; calling it twice gives the same.
     fn evaluate(&mut self, now: &Moment) -> Wish;
 
-    /// Told how the body really accelerates until the next evaluation [m/s², rad/s²].
-    fn advance(&mut self, _wish: &Wish, _linear: DVec3, _angular: DVec3, _step_s: f64) {}
+    /// Told how the body really accelerates until the next evaluation.
+    fn advance(&mut self, _wish: &Wish, _acceleration: &SpatialAcceleration, _step_s: f64) {}
 
     /// Told which fraction of the velocity that it wants leads into an obstacle.
     fn set_obstructed(&mut self, _fraction: f64) {}
@@ -78,7 +74,7 @@ pub fn point_wish(acceleration: DVec3) -> Wish {
 /// A learned model as it is evaluated.
 #[derive(Debug)]
 pub struct Model {
-    policy: policy::Policy,
+    policy: SkillPolicy,
     inertia: SkillInertia,
     /// Of the default policy; the thesis' has none.
     governor: Option<SpeedGovernor>,
@@ -137,24 +133,16 @@ pub struct Learned<'a> {
 impl Follower for Learned<'_> {
     fn evaluate(&mut self, now: &Moment) -> Wish {
         let Model { policy, inertia, governor } = self.model;
-        let value = policy.evaluate(
-            inertia,
-            now.frames,
-            &now.pose,
-            now.linear,
-            now.angular,
-            &mut self.state,
-        );
+        let state = &mut self.state;
+        let value = policy.evaluate(inertia, now.frames, &now.pose, &now.velocity, state);
         self.value = Some(value);
-        let (v, w) = (now.linear, now.angular);
-        let velocity = Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z);
-        let natural = governor.map_or(value.natural, |g| g.govern(&value.natural, &velocity));
+        let natural = governor.map_or(value.natural, |g| g.govern(&value.natural, &now.velocity));
         Wish { natural, energy: value.energy }
     }
 
-    fn advance(&mut self, _wish: &Wish, linear: DVec3, angular: DVec3, step_s: f64) {
+    fn advance(&mut self, _wish: &Wish, acceleration: &SpatialAcceleration, step_s: f64) {
         if let Some(value) = self.value.take() {
-            self.state.advance(&value, linear, angular, step_s);
+            self.state.advance(&value, acceleration, step_s);
         }
     }
 

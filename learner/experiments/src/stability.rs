@@ -7,7 +7,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use tprmp_model::skill_model::Manifold;
-use tprmp_spatial::{MovingPose, Pose};
+use tprmp_spatial::{MovingPose, Pose, Twist};
 
 use super::dataset::SkillSet;
 use super::follower::{Follower, Moment};
@@ -191,7 +191,8 @@ fn time_one(follower: &mut dyn Follower, course: &Course, count: usize) -> Vec<f
             orientation: course.start.orientation.slerp(goal.orientation, fraction),
         };
         let linear = (goal.position - course.start.position) * 0.1;
-        let moment = Moment { time_s, frames: &frames, pose, linear, angular: DVec3::ZERO };
+        let velocity = Twist { linear, ..Twist::ZERO };
+        let moment = Moment { time_s, frames: &frames, pose, velocity };
         let begun = Instant::now();
         let wish = follower.evaluate(&moment);
         let solved = resolve(&wish.natural, course.manifold);

@@ -4,13 +4,14 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{Cholesky, Matrix6, SVector, Vector6};
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::leaves::CollisionAvoidance;
-use tprmp_rmpflow::leaves::avoidance::{Avoidance, AvoidanceState, FreeBall, Side, Steering};
-use tprmp_rmpflow::leaves::obstacle::{Obstacle, Shape};
+use tprmp_rmpflow::leaves::{
+    Avoidance, AvoidanceState, CollisionAvoidance, Free, FreeBall, Obstacle, Side, Steering, Task,
+    Tick,
+};
 use tprmp_rmpflow::natural::Natural;
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
-use super::follower::{Follower, INERTIA_KG, Moment, SPEED_MAX_M_S};
+use super::follower::{Follower, INERTIA_KG, Moment, SPEED_MAX_M_S, Wish};
 use super::metric::{STOP_SPEED_M_S, STOP_STEPS};
 
 /// A body that is farther away has diverged [m].
@@ -105,13 +106,8 @@ impl Ball {
     /// Where it is when the goal frame, shown at `shown`, is as it is.
     #[must_use]
     pub fn at(&self, goal_frame: &MovingPose, shown: &Pose) -> Obstacle {
-        Obstacle {
-            shape: Shape::Sphere { radius: self.radius_m },
-            position: self.center + (goal_frame.pose.position - shown.position) * 0.5,
-            orientation: DQuat::IDENTITY,
-            velocity: goal_frame.velocity.linear * 0.5,
-            angular_velocity: DVec3::ZERO,
-        }
+        let centre = self.center + (goal_frame.pose.position - shown.position) * 0.5;
+        Obstacle::sphere(centre, self.radius_m, goal_frame.velocity.linear * 0.5)
     }
 
     /// Whether the task can be done: while the goal goes round, neither the goal nor the start is in
@@ -153,17 +149,15 @@ const MARGIN_M: f64 = 0.02;
 
 /// Adds what keeps the body clear of obstacles, in the N linear coordinates in which it moves. Returns the
 /// fraction of the wanted velocity that leads into them.
-#[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
 fn avoid<const N: usize>(
-    ball: FreeBall,
+    ball: &FreeBall,
     obstacle: &Obstacle,
+    wish: &Wish,
     free: DVec3,
-    energy: f64,
-    step_s: f64,
-    side: Side,
     natural: &mut Natural<6>,
-    state: &mut AvoidanceState,
+    (state, step_s): (&mut AvoidanceState, f64),
 ) -> f64 {
+    let side = if N == 2 { Side::Plane } else { Side::Space(DVec3::Z) };
     let avoidance = Avoidance {
         leaf: CLEAR,
         steering: Some(Steering { side, ..STEERING }),
@@ -174,9 +168,17 @@ fn avoid<const N: usize>(
         metric: natural.metric.fixed_view::<N, N>(0, 0).into_owned(),
     };
     let Ok(factor) = root.factor() else { return 0.0 };
-    let wanted = SVector::<f64, N>::from_fn(|i, _| free[i]);
-    let obstacles = std::slice::from_ref(obstacle);
-    let seen = avoidance.add(&ball, obstacles, &wanted, &factor, energy, step_s, &mut root, state);
+    let linear = |v: DVec3| SVector::<f64, N>::from_fn(|i, _| v[i]);
+    let tick = Tick {
+        task: Task { natural: root, energy: wish.energy },
+        position: linear(ball.position),
+        velocity: linear(ball.velocity),
+        body: ball,
+        obstacles: std::slice::from_ref(obstacle),
+        dt_s: step_s,
+    };
+    let free = Free { acceleration: linear(free), factor };
+    let seen = avoidance.add(&tick, &free, &mut root, state);
     natural.force.fixed_rows_mut::<N>(0).copy_from(&root.force);
     natural.metric.fixed_view_mut::<N, N>(0, 0).copy_from(&root.metric);
     seen.obstructed_fraction
@@ -245,7 +247,7 @@ pub struct Trace {
 /// M a = f in the directions in which the manifold moves; `None` when M is not positive definite or
 /// a number not finite.
 #[must_use]
-pub fn resolve(natural: &Natural<6>, manifold: Manifold) -> Option<[DVec3; 2]> {
+pub fn resolve(natural: &Natural<6>, manifold: Manifold) -> Option<SpatialAcceleration> {
     let moving = manifold.position_dimension();
     let turns = manifold.has_orientation();
     // What does not move gets an inertia and no force.
@@ -256,9 +258,8 @@ pub fn resolve(natural: &Natural<6>, manifold: Manifold) -> Option<[DVec3; 2]> {
         metric[(i, i)] = 1.0;
         force[i] = 0.0;
     }
-    let a = Cholesky::new(metric)?.solve(&force);
-    let [linear, angular] = [DVec3::new(a[0], a[1], a[2]), DVec3::new(a[3], a[4], a[5])];
-    (linear.is_finite() && angular.is_finite()).then_some([linear, angular])
+    let acceleration = SpatialAcceleration::from(Cholesky::new(metric)?.solve(&force));
+    acceleration.is_finite().then_some(acceleration)
 }
 
 /// Lets a body follow a policy by the semi-implicit Euler rule.
@@ -268,7 +269,8 @@ pub fn run(follower: &mut dyn Follower, course: &Course) -> Trace {
     let mut frames: Vec<MovingPose> =
         course.frames.iter().map(|pose| MovingPose::at_rest(*pose)).collect();
     let shown = course.frames[1];
-    let (mut pose, mut linear, mut angular) = (course.start, course.start_velocity, DVec3::ZERO);
+    let mut pose = course.start;
+    let mut velocity = Twist { linear: course.start_velocity, ..Twist::ZERO };
     let steps = (course.duration_s / course.step_s).ceil() as usize;
     let (mut started, mut slow, mut stopped) = (false, 0, None);
     let mut moving = !still;
@@ -308,19 +310,19 @@ pub fn run(follower: &mut dyn Follower, course: &Course) -> Trace {
         trace.goal_error_rad =
             if manifold.has_orientation() { pose.rotation_from(&goal).length() } else { 0.0 };
         // A start from rest is no stop.
-        started |= linear.length() >= STOP_SPEED_M_S;
-        slow = if started && linear.length() < STOP_SPEED_M_S { slow + 1 } else { 0 };
+        started |= velocity.linear.length() >= STOP_SPEED_M_S;
+        slow = if started && velocity.linear.length() < STOP_SPEED_M_S { slow + 1 } else { 0 };
         if stopped.is_none() && slow >= STOP_STEPS {
             stopped = Some(own_error(follower, &frames, &pose, &goal));
             trace.stopped_at = step + 1;
         }
         let pushed = course.push.is_some_and(|push| time_s <= push.during_s[1]);
         let at_rest = trace.goal_error_m.max(trace.goal_error_rad) < AT_REST
-            && linear.length().max(angular.length()) < AT_REST;
+            && velocity.linear.length().max(velocity.angular.length()) < AT_REST;
         if step == steps || (at_rest && !moving && !pushed) {
             break;
         }
-        let moment = Moment { time_s, frames: &frames, pose, linear, angular };
+        let moment = Moment { time_s, frames: &frames, pose, velocity };
         let wish = follower.evaluate(&moment);
         if still {
             let [first, before, least] = energies.unwrap_or([wish.energy; 3]);
@@ -330,45 +332,38 @@ pub fn run(follower: &mut dyn Follower, course: &Course) -> Trace {
         }
         let mut natural = wish.natural;
         if let Some(push) = &course.push {
-            let force = push.force(time_s, linear);
+            let force = push.force(time_s, velocity.linear);
             for i in 0..3 {
                 natural.force[i] += force[i];
             }
         }
         if let Some(ball) = &course.ball {
             let obstacle = ball.at(&frames[1], &shown);
-            let clearance = obstacle.clearance(pose.position, linear, 0.0);
+            let clearance = obstacle.clearance(pose.position, velocity.linear, 0.0);
             let least = trace.clearance_min_m.unwrap_or(f64::INFINITY);
             trace.clearance_min_m = Some(least.min(clearance.distance));
             let body = FreeBall {
                 position: pose.position,
-                velocity: linear,
+                velocity: velocity.linear,
                 radius: 0.0,
                 goal: goal.position,
             };
-            let free = resolve(&natural, manifold).map_or(DVec3::ZERO, |[a, _]| a);
-            let (energy, step_s, state) = (wish.energy, course.step_s, &mut sides);
+            let free = resolve(&natural, manifold).map_or(DVec3::ZERO, |a| a.linear);
+            let sides = (&mut sides, course.step_s);
             follower.set_obstructed(if manifold == Manifold::R2 {
-                let side = Side::Plane;
-                avoid::<2>(body, &obstacle, free, energy, step_s, side, &mut natural, state)
+                avoid::<2>(&body, &obstacle, &wish, free, &mut natural, sides)
             } else {
-                let side = Side::Space(DVec3::Z);
-                avoid::<3>(body, &obstacle, free, energy, step_s, side, &mut natural, state)
+                avoid::<3>(&body, &obstacle, &wish, free, &mut natural, sides)
             });
         }
-        let Some([a, alpha]) = resolve(&natural, manifold) else {
+        let Some(acceleration) = resolve(&natural, manifold) else {
             trace.goal_error_m = f64::INFINITY;
             break;
         };
-        trace.acceleration_max_m_s2 = trace.acceleration_max_m_s2.max(a.length());
-        follower.advance(&wish, a, alpha, course.step_s);
-        linear += a * course.step_s;
-        angular += alpha * course.step_s;
-        pose = Pose {
-            position: pose.position + linear * course.step_s,
-            orientation: (DQuat::from_scaled_axis(angular * course.step_s) * pose.orientation)
-                .normalize(),
-        };
+        trace.acceleration_max_m_s2 = trace.acceleration_max_m_s2.max(acceleration.linear.length());
+        follower.advance(&wish, &acceleration, course.step_s);
+        velocity = velocity.advanced(&acceleration, course.step_s);
+        pose = pose.advanced(&velocity, course.step_s);
         if !(pose.position.length() < DIVERGED_M && pose.orientation.is_finite()) {
             trace.goal_error_m = f64::INFINITY;
             break;
@@ -393,7 +388,7 @@ fn own_error(follower: &mut dyn Follower, frames: &[MovingPose], pose: &Pose, go
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::follower::{Wish, point_wish};
+    use crate::follower::point_wish;
 
     /// A critically damped spring to the goal frame's origin.
     struct Spring;
@@ -402,7 +397,7 @@ mod tests {
         fn evaluate(&mut self, now: &Moment) -> Wish {
             let goal = now.frames[1];
             let away = now.pose.position - goal.pose.position;
-            let rate = now.linear - goal.velocity.linear;
+            let rate = now.velocity.linear - goal.velocity.linear;
             let wish = point_wish(goal.acceleration.linear - away * 25.0 - rate * 10.0);
             let energy = INERTIA_KG * (12.5 * away.length_squared() + 0.5 * rate.length_squared());
             Wish { energy, ..wish }

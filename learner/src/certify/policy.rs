@@ -1,15 +1,13 @@
 //! Learned policies in the form in which they are rolled out and examined.
 
-use glam::DVec3;
 use nalgebra::{DMatrix, SMatrix, SVector};
 use tprmp_model::skill_model::{
     BlockCertificate, EvaluationError, FieldModel, Policy, SkillModel, ValleyCertificate,
 };
 use tprmp_rmpflow::policy::canonical::field::Component;
-use tprmp_rmpflow::policy::canonical::skill::{Phase, SkillInertia, SkillValue};
 use tprmp_rmpflow::policy::thesis::product_skill::{ProductSkill, ProductState};
-use tprmp_rmpflow::policy::{self, PolicyState};
-use tprmp_spatial::{MovingPose, Pose};
+use tprmp_rmpflow::policy::{Phase, PolicyState, SkillInertia, SkillPolicy, SkillValue};
+use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
 use crate::certify::rollout::at_rest;
 use crate::fit::valley;
@@ -22,25 +20,25 @@ const GOAL_STEP: f64 = 1e-5;
 /// A learned policy.
 pub struct Learned<'a> {
     model: &'a SkillModel,
-    policy: policy::Policy,
+    policy: SkillPolicy,
 }
 
 /// A policy among frames, on its way.
 pub struct Situation<'a> {
-    policy: &'a policy::Policy,
+    policy: &'a SkillPolicy,
     frames: Vec<MovingPose>,
     state: PolicyState,
 }
 
 impl Situation<'_> {
-    /// The policy at a moving pose of the tool [m/s, rad/s].
-    pub fn evaluate(&mut self, pose: &Pose, linear: DVec3, angular: DVec3) -> SkillValue {
-        self.policy.evaluate(&INERTIA, &self.frames, pose, linear, angular, &mut self.state)
+    /// The policy at a moving pose of the tool.
+    pub fn evaluate(&mut self, pose: &Pose, velocity: &Twist) -> SkillValue {
+        self.policy.evaluate(&INERTIA, &self.frames, pose, velocity, &mut self.state)
     }
 
-    /// Lets the policy go on for a step with the acceleration that the tool gets [m/s², rad/s²].
-    pub fn advance(&mut self, value: &SkillValue, linear: DVec3, angular: DVec3, step_s: f64) {
-        self.state.advance(value, linear, angular, step_s);
+    /// Lets the policy go on for a step with the acceleration that the tool gets.
+    pub fn advance(&mut self, value: &SkillValue, tool: &SpatialAcceleration, step_s: f64) {
+        self.state.advance(value, tool, step_s);
     }
 
     /// Forgets how far the policy is on its way: it goes on from where the tool is.
@@ -59,7 +57,7 @@ impl Situation<'_> {
     /// V of the policy at the goal, at rest; it has to start anew afterwards, and does.
     pub fn energy_at(&mut self, goal: &Pose) -> f64 {
         self.state.resume(Phase { value: 1.0, rate_1_s: 0.0 });
-        let energy = self.evaluate(goal, DVec3::ZERO, DVec3::ZERO).energy;
+        let energy = self.evaluate(goal, &Twist::ZERO).energy;
         self.restart();
         energy
     }
@@ -75,7 +73,7 @@ impl<'a> Learned<'a> {
     }
 
     /// The policy as it is evaluated.
-    pub fn policy(&self) -> &policy::Policy {
+    pub fn policy(&self) -> &SkillPolicy {
         &self.policy
     }
 
@@ -100,10 +98,10 @@ impl<'a> Learned<'a> {
         }
         let frames: Vec<_> = frames.iter().map(|pose| MovingPose::at_rest(*pose)).collect();
         let block = match &self.policy {
-            policy::Policy::Plane(skill) => product_block("position", skill, &frames, goal),
-            policy::Policy::Space(skill) => product_block("position", skill, &frames, goal),
-            policy::Policy::Pose(skill) => product_block("pose", skill, &frames, goal),
-            policy::Policy::Canonical(_) => None,
+            SkillPolicy::Plane(skill) => product_block("position", skill, &frames, goal),
+            SkillPolicy::Space(skill) => product_block("position", skill, &frames, goal),
+            SkillPolicy::Pose(skill) => product_block("pose", skill, &frames, goal),
+            SkillPolicy::Canonical(_) => None,
         };
         block.into_iter().collect()
     }
@@ -146,7 +144,7 @@ fn product_block<const D: usize>(
     let mut state = ProductState::new();
     skill.update(frames, &mut state);
     let field = state.field()?;
-    let goal = state.coordinates(goal, DVec3::ZERO, DVec3::ZERO).point;
+    let goal = state.coordinates(goal, &Twist::ZERO).point;
     let metrics = field.components().map(|c| c.precision * field.metric_scale());
     Some(block(name, metrics, &goal, |y| {
         let value = field.evaluate(y, &SVector::zeros());

@@ -1,10 +1,9 @@
 //! Rollouts of a learned policy in the world, on a free body that obeys it.
 
-use glam::{DQuat, DVec3};
-use nalgebra::{Cholesky, DMatrix, DVector, SMatrix, SVector};
+use nalgebra::{Cholesky, DMatrix, DVector, SMatrix, SVector, Vector6};
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::policy::canonical::skill::SkillValue;
-use tprmp_spatial::Pose;
+use tprmp_rmpflow::policy::SkillValue;
+use tprmp_spatial::{Pose, SpatialAcceleration, Twist};
 
 use crate::certify::policy::Situation;
 
@@ -49,35 +48,31 @@ pub fn follow(
     let Course { start, goal, step_s, steps, arrived } = *course;
     let turns = manifold.has_orientation();
     let at_goal = situation.energy_at(&goal);
-    let (mut pose, mut linear, mut angular) = (start, DVec3::ZERO, DVec3::ZERO);
-    let mut value = situation.evaluate(&pose, linear, angular);
+    let (mut pose, mut velocity) = (start, Twist::ZERO);
+    let mut value = situation.evaluate(&pose, &velocity);
     let energy_at_start = value.energy - at_goal;
     let mut energy_rise_max: f64 = 0.0;
     each(&pose);
     for _ in 0..steps {
-        let Some([a, alpha]) = acceleration(&value, manifold) else { break };
-        linear += a * step_s;
-        angular += alpha * step_s;
-        let next = Pose {
-            position: pose.position + linear * step_s,
-            orientation: (DQuat::from_scaled_axis(angular * step_s) * pose.orientation).normalize(),
-        };
-        if !(next.position.is_finite() && next.orientation.is_finite()) {
+        let Some(acceleration) = acceleration(&value, manifold) else { break };
+        velocity = velocity.advanced(&acceleration, step_s);
+        let next = pose.advanced(&velocity, step_s);
+        if !next.is_finite() {
             break;
         }
         let before = value;
-        situation.advance(&value, a, alpha, step_s);
+        situation.advance(&value, &acceleration, step_s);
         pose = next;
-        value = situation.evaluate(&pose, linear, angular);
+        value = situation.evaluate(&pose, &velocity);
         energy_rise_max = energy_rise_max.max(value.energy - before.energy);
         each(&pose);
         let near = |[metres, radians]: [f64; 2]| {
             let far = (pose.position - goal.position).length();
             let turned = if turns { pose.rotation_from(&goal).length() } else { 0.0 };
             far < metres
-                && linear.length() < metres
+                && velocity.linear.length() < metres
                 && turned < radians
-                && angular.length() < radians
+                && velocity.angular.length() < radians
         };
         if arrived.is_some_and(near) {
             break;
@@ -92,9 +87,9 @@ pub fn follow(
     }
 }
 
-/// Linear and angular acceleration; `None` when the metric is not positive definite or a number not
+/// Acceleration; `None` when the metric is not positive definite or a number not
 /// finite. What the manifold does not span does not move.
-pub fn acceleration(value: &SkillValue, manifold: Manifold) -> Option<[DVec3; 2]> {
+pub fn acceleration(value: &SkillValue, manifold: Manifold) -> Option<SpatialAcceleration> {
     let natural = &value.natural;
     let mut a = [0.0; 6];
     match manifold {
@@ -110,8 +105,7 @@ pub fn acceleration(value: &SkillValue, manifold: Manifold) -> Option<[DVec3; 2]
         }
         Manifold::R3S3 => a.copy_from_slice(natural.resolve().ok()?.as_slice()),
     }
-    let finite = a.iter().all(|x| x.is_finite());
-    finite.then(|| [DVec3::new(a[0], a[1], a[2]), DVec3::new(a[3], a[4], a[5])])
+    Some(SpatialAcceleration::from(Vector6::from(a))).filter(SpatialAcceleration::is_finite)
 }
 
 /// Smallest eigenvalue of a Hessian relative to a metric, and |M⁻¹∇Φ|, at a point. The Hessian is

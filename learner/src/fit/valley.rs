@@ -5,8 +5,8 @@
 //! falls towards it everywhere else.
 
 use nalgebra::SVector;
+use tprmp_rmpflow::policy::PHASE_RANGE;
 use tprmp_rmpflow::policy::canonical::field::Field;
-use tprmp_rmpflow::policy::canonical::skill::PHASE_RANGE;
 
 /// Phases at which the valley is looked at.
 pub const PHASES: u32 = 2001;

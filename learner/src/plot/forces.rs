@@ -6,7 +6,7 @@
 use glam::DVec2;
 use nalgebra::Vector2;
 use tprmp_model::skill_model::{Policy, SkillModel};
-use tprmp_rmpflow::policy;
+use tprmp_rmpflow::policy::SkillPolicy;
 use tprmp_rmpflow::policy::thesis::gaussian_field::{GaussianComponent, GaussianField};
 use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
 use tprmp_spatial::{MovingPose, Pose};
@@ -48,11 +48,10 @@ impl Forces {
     /// components differ by place and not by phase, or there is no product of the Gaussians.
     pub(super) fn new(
         model: &SkillModel,
-        policy: &policy::Policy,
+        policy: &SkillPolicy,
         frames: &[Pose],
     ) -> Option<Self> {
-        let (Policy::Thesis(thesis), policy::Policy::Plane(product)) = (&model.policy, policy)
-        else {
+        let (Policy::Thesis(thesis), SkillPolicy::Plane(product)) = (&model.policy, policy) else {
             return None;
         };
         let frames: Vec<_> = frames.iter().copied().map(MovingPose::at_rest).collect();

@@ -6,8 +6,8 @@ use tprmp_model::skill_model::{EvaluationError, Manifold, Policy, SkillModel};
 use tprmp_rmpflow::policy::canonical::frame_map::{Canonical, FrameMap, FrameTransforms};
 use tprmp_rmpflow::policy::thesis::gaussian_field::{GaussianComponent, GaussianField};
 use tprmp_rmpflow::policy::thesis::product_skill::{ProductSkill, ProductState};
-use tprmp_rmpflow::policy::{self, PolicyState};
-use tprmp_spatial::{MovingPose, Pose};
+use tprmp_rmpflow::policy::{PolicyState, SkillPolicy};
+use tprmp_spatial::{MovingPose, Pose, Twist, Wrench};
 
 use super::forces::Forces;
 use crate::canonical::PhaseProfile;
@@ -141,12 +141,12 @@ impl<'a> Scene<'a> {
         let moving: Vec<MovingPose> = frames.iter().copied().map(MovingPose::at_rest).collect();
         let policy = skill.policy.policy();
         let products = match policy {
-            policy::Policy::Canonical(_) => {
+            SkillPolicy::Canonical(_) => {
                 gaussians.iter().map(|g| carry(&skill.map, &transforms, g)).collect()
             }
-            policy::Policy::Plane(product) => products(product, &moving, gaussians),
-            policy::Policy::Space(product) => products(product, &moving, gaussians),
-            policy::Policy::Pose(product) => products(product, &moving, gaussians),
+            SkillPolicy::Plane(product) => products(product, &moving, gaussians),
+            SkillPolicy::Space(product) => products(product, &moving, gaussians),
+            SkillPolicy::Pose(product) => products(product, &moving, gaussians),
         };
         Self {
             goal: policy.goal(&moving, &mut PolicyState::default()),
@@ -238,19 +238,20 @@ fn products<const D: usize>(
 /// opposite velocities is −B ẋ.
 fn sample(situation: &mut Situation, manifold: Manifold, at_goal: f64, pose: &Pose) -> Sample {
     situation.restart();
-    let rest = situation.evaluate(pose, DVec3::ZERO, DVec3::ZERO);
+    let rest = situation.evaluate(pose, &Twist::ZERO);
     let dimension = manifold.position_dimension();
     let mut trace = 0.0;
     for (i, axis) in DVec3::AXES.into_iter().enumerate().take(dimension) {
-        let [ahead, back] =
-            [axis, -axis].map(|v| situation.evaluate(pose, v, DVec3::ZERO).natural.force[i]);
+        let [ahead, back] = [axis, -axis].map(|linear| {
+            let velocity = Twist { linear, ..Twist::ZERO };
+            situation.evaluate(pose, &velocity).natural.force[i]
+        });
         trace += 0.5 * (back - ahead);
     }
-    let force = rest.natural.force;
     Sample {
         potential: rest.energy - at_goal,
-        force: DVec3::new(force[0], force[1], force[2]),
-        acceleration: acceleration(&rest, manifold).map_or(DVec3::ZERO, |[linear, _]| linear),
+        force: Wrench::from(rest.natural.force).force,
+        acceleration: acceleration(&rest, manifold).map_or(DVec3::ZERO, |a| a.linear),
         damping: trace / dimension as f64,
     }
 }

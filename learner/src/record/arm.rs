@@ -33,10 +33,7 @@ impl<const N: usize> Arm for Serial<N> {
     fn tool_pose(&mut self, position: &[f64; JOINT_CAPACITY]) -> Pose {
         let q = SVector::from_fn(|i, _| position[i]);
         forward_kinematics(&self.chain, &q, &mut self.kinematics);
-        Pose {
-            position: self.kinematics.tool_position,
-            orientation: self.kinematics.tool_orientation(),
-        }
+        self.kinematics.tool_pose()
     }
 }
 

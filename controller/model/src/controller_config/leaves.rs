@@ -2,12 +2,10 @@
 
 use glam::DVec3;
 use serde::Deserialize;
-use tprmp_rmpflow::leaves::avoidance::{self, Side};
 use tprmp_rmpflow::leaves::{
-    ApproachFunnel, CollisionAvoidance, JointDamping, PoseAttractor, VelocityFollower,
+    self, ApproachFunnel, CollisionAvoidance, JointDamping, PoseAttractor, Side, VelocityFollower,
 };
-use tprmp_rmpflow::policy::canonical::skill::SkillInertia;
-use tprmp_rmpflow::policy::governor::SpeedGovernor;
+use tprmp_rmpflow::policy::{SkillInertia, SpeedGovernor};
 
 use crate::controller_config::check::Check;
 
@@ -320,8 +318,8 @@ impl Avoidance {
 impl Collision {
     /// The leaf and the steering.
     #[must_use]
-    pub fn leaf(&self) -> avoidance::Avoidance {
-        let steering = self.steering.map(|steering| avoidance::Steering {
+    pub fn leaf(&self) -> leaves::Avoidance {
+        let steering = self.steering.map(|steering| leaves::Steering {
             range_m: steering.range_m,
             gain: steering.gain,
             response_1_s: steering.response_1_s,
@@ -332,7 +330,7 @@ impl Collision {
                 SteeringSide::Space(direction) => Side::Space(direction.into()),
             },
         });
-        avoidance::Avoidance { leaf: self.avoidance.leaf(), steering, margin_m: self.margin_m }
+        leaves::Avoidance { leaf: self.avoidance.leaf(), steering, margin_m: self.margin_m }
     }
 }
 

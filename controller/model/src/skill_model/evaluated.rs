@@ -2,9 +2,9 @@
 
 use glam::{DQuat, DVec3};
 use nalgebra::SMatrix;
-use tprmp_rmpflow::policy;
+use tprmp_rmpflow::policy::SkillPolicy;
 use tprmp_rmpflow::policy::canonical::frame_map::{Anchor, FrameMap, FrameMapError};
-use tprmp_rmpflow::policy::canonical::skill::{PositionField, Skill};
+use tprmp_rmpflow::policy::canonical::policy::{CanonicalPolicy, PositionField};
 use tprmp_rmpflow::policy::thesis::gaussian_product::PoseGaussian;
 use tprmp_rmpflow::policy::thesis::product_skill::{
     ProductComponent, ProductSkill, ProductSkillError,
@@ -41,15 +41,15 @@ impl SkillModel {
     /// # Errors
     /// [`EvaluationError`], which a model that was read and validated gives only when its numbers
     /// are at the edge of what can be computed with.
-    pub fn policy(&self) -> Result<policy::Policy, EvaluationError> {
+    pub fn policy(&self) -> Result<SkillPolicy, EvaluationError> {
         Ok(match &self.policy {
             Policy::Canonical { position, orientation } => {
-                policy::Policy::Canonical(self.canonical_skill(position, orientation.as_ref())?)
+                SkillPolicy::Canonical(self.canonical_skill(position, orientation.as_ref())?)
             }
             Policy::Thesis(thesis) => match self.manifold {
-                Manifold::R2 => policy::Policy::Plane(product_skill(&self.frames, thesis)?),
-                Manifold::R3 => policy::Policy::Space(product_skill(&self.frames, thesis)?),
-                Manifold::R3S3 => policy::Policy::Pose(product_skill(&self.frames, thesis)?),
+                Manifold::R2 => SkillPolicy::Plane(product_skill(&self.frames, thesis)?),
+                Manifold::R3 => SkillPolicy::Space(product_skill(&self.frames, thesis)?),
+                Manifold::R3S3 => SkillPolicy::Pose(product_skill(&self.frames, thesis)?),
             },
         })
     }
@@ -92,12 +92,12 @@ impl SkillModel {
         &self,
         position: &FieldModel,
         orientation: Option<&FieldModel>,
-    ) -> Result<Skill, FrameMapError> {
+    ) -> Result<CanonicalPolicy, FrameMapError> {
         let position = match self.manifold {
             Manifold::R2 => PositionField::Plane(Box::new(position.field())),
             Manifold::R3 | Manifold::R3S3 => PositionField::Space(Box::new(position.field())),
         };
-        Ok(Skill {
+        Ok(CanonicalPolicy {
             map: self.frame_map()?,
             position,
             orientation: orientation.map(|field| Box::new(field.field())),

@@ -1,8 +1,8 @@
-//! Leaves on the joints: position limits, speed limits, posture.
+//! Limits of the joints: of position and of speed.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SVector;
 
-use crate::leaves::CollisionAvoidance;
+use crate::leaves::collision::CollisionAvoidance;
 use crate::natural::Natural;
 
 /// Keeps joints inside their position limits: the distance from a limit is a clearance, kept by the
@@ -89,47 +89,9 @@ impl<const N: usize> JointSpeedLimits<N> {
         }
     }
 
-    /// ½ Σ ∫ M q̇ dq̇-like energy of the leaf, ½ G q̇².
+    /// ½ Σ G q̇².
     #[must_use]
     pub fn energy(&self, qd: &SVector<f64, N>) -> f64 {
         (0..N).map(|i| 0.5 * self.metric(i, qd[i]).0 * qd[i] * qd[i]).sum()
-    }
-}
-
-/// Draws the joints to a posture, where the task leaves them free.
-///
-/// M = m I, Φ = m k s Σ(√(e² + s²) − s), e = q − q₀, B = d M. The pull saturates at m k s.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Posture<const N: usize> {
-    /// q₀ \[rad or m\].
-    pub position: SVector<f64, N>,
-    /// m \[kg m² or kg\].
-    pub inertia: f64,
-    /// k \[1/s²\].
-    pub stiffness_1_s2: f64,
-    /// d \[1/s\].
-    pub damping_1_s: f64,
-    /// s \[rad or m\].
-    pub saturation: f64,
-}
-
-impl<const N: usize> Posture<N> {
-    /// The leaf at joint position q and velocity q̇.
-    #[must_use]
-    pub fn evaluate(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> Natural<N> {
-        let s = self.saturation;
-        let pull = (q - self.position).map(|e| self.stiffness_1_s2 * s * e / e.hypot(s));
-        Natural {
-            force: (pull + qd * self.damping_1_s) * -self.inertia,
-            metric: SMatrix::identity() * self.inertia,
-        }
-    }
-
-    /// Φ + ½ q̇ᵀMq̇.
-    #[must_use]
-    pub fn energy(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> f64 {
-        let s = self.saturation;
-        let potential: f64 = (q - self.position).iter().map(|e| e.hypot(s) - s).sum();
-        self.inertia * (self.stiffness_1_s2 * s * potential + 0.5 * qd.norm_squared())
     }
 }

@@ -1,6 +1,9 @@
 //! Moving obstacles of simple shape, and the clearance of a ball from them.
 
 use glam::{DQuat, DVec3};
+use tprmp_spatial::{Pose, Twist};
+
+use crate::leaves::collision::Clearance;
 
 /// Shape of an obstacle in its own frame, centred at the origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,27 +34,10 @@ pub enum Shape {
 pub struct Obstacle {
     /// Shape.
     pub shape: Shape,
-    /// Centre; of a half-space, a point of its plane \[m\].
-    pub position: DVec3,
-    /// Orientation, unit.
-    pub orientation: DQuat,
-    /// Velocity of `position` \[m/s\].
-    pub velocity: DVec3,
-    /// Angular velocity \[rad/s\].
-    pub angular_velocity: DVec3,
-}
-
-/// Clearance of a moving ball from an obstacle.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Clearance {
-    /// d \[m\].
-    pub distance: f64,
-    /// ḋ \[m/s\].
-    pub rate: f64,
-    /// ∂d/∂x; a unit vector where d is a distance.
-    pub normal: DVec3,
-    /// What d̈ is beside nᵀ times the point's acceleration \[m/s²\].
-    pub curvature: f64,
+    /// Its centre and axes; the origin of a half-space lies on its plane.
+    pub pose: Pose,
+    /// How they move.
+    pub velocity: Twist,
 }
 
 /// Distance of a point from a shape, in the shape's frame.
@@ -112,48 +98,34 @@ impl Shape {
 impl Obstacle {
     /// A ball.
     #[must_use]
-    pub fn sphere(center: DVec3, radius: f64, velocity: DVec3) -> Self {
+    pub fn sphere(centre: DVec3, radius: f64, velocity: DVec3) -> Self {
         Self {
             shape: Shape::Sphere { radius },
-            position: center,
-            orientation: DQuat::IDENTITY,
-            velocity,
-            angular_velocity: DVec3::ZERO,
-        }
-    }
-
-    /// All below a plane through `point` with outward unit `normal`.
-    #[must_use]
-    pub fn half_space(point: DVec3, normal: DVec3, velocity: DVec3) -> Self {
-        Self {
-            shape: Shape::HalfSpace,
-            position: point,
-            orientation: DQuat::from_rotation_arc(DVec3::Z, normal),
-            velocity,
-            angular_velocity: DVec3::ZERO,
+            pose: Pose { position: centre, orientation: DQuat::IDENTITY },
+            velocity: Twist { linear: velocity, angular: DVec3::ZERO },
         }
     }
 
     /// Velocity of the obstacle's material at `point` \[m/s\].
     #[must_use]
     pub fn velocity_at(&self, point: DVec3) -> DVec3 {
-        self.velocity + self.angular_velocity.cross(point - self.position)
+        self.velocity.shifted(point - self.pose.position).linear
     }
 
     /// Distance of a ball of `radius` at `point` from the surface \[m\]: the first thing that
-    /// [`Obstacle::clearance`] says.
+    /// [`Obstacle::clearance`] gives.
     #[must_use]
     #[inline]
     pub fn distance(&self, point: DVec3, radius: f64) -> f64 {
-        self.shape.distance(self.in_own_axes(point - self.position)).distance - radius
+        self.shape.distance(self.in_own_axes(point - self.pose.position)).distance - radius
     }
 
-    /// A vector in the world, in the obstacle's axes. A ball has none: it looks the same from all sides.
+    /// A vector in the world, in the obstacle's axes. A ball has none.
     #[inline]
     fn in_own_axes(&self, vector: DVec3) -> DVec3 {
         match self.shape {
             Shape::Sphere { .. } => vector,
-            _ => self.orientation.conjugate() * vector,
+            _ => self.pose.orientation.conjugate() * vector,
         }
     }
 
@@ -162,7 +134,7 @@ impl Obstacle {
     fn in_world(&self, vector: DVec3) -> DVec3 {
         match self.shape {
             Shape::Sphere { .. } => vector,
-            _ => self.orientation * vector,
+            _ => self.pose.orientation * vector,
         }
     }
 
@@ -175,20 +147,20 @@ impl Obstacle {
     /// ```
     #[must_use]
     pub fn clearance(&self, point: DVec3, velocity: DVec3, radius: f64) -> Clearance {
-        let arm = point - self.position;
+        let arm = point - self.pose.position;
         let d = self.shape.distance(self.in_own_axes(arm));
         let normal = self.in_world(d.normal);
-        let spin = self.angular_velocity;
+        let omega = self.velocity.angular;
         let relative = velocity - self.velocity_at(point);
         let rate = normal.dot(relative);
         let own = self.in_own_axes(relative);
-        let bend = ((own * d.curved).length_squared() - rate * rate) / d.reach;
-        let turning = normal.dot(2.0 * spin.cross(relative) + spin.cross(spin.cross(arm)));
+        let bending = ((own * d.curved).length_squared() - rate * rate) / d.reach;
+        let rotating = normal.dot(2.0 * omega.cross(relative) + omega.cross(omega.cross(arm)));
         Clearance {
             distance: d.distance - radius,
             rate,
             normal,
-            curvature: if d.reach.is_infinite() { -turning } else { bend - turning },
+            curvature: if d.reach.is_infinite() { -rotating } else { bending - rotating },
         }
     }
 }
@@ -208,12 +180,7 @@ mod tests {
     }
 
     fn moved(obstacle: &Obstacle, t: f64) -> Obstacle {
-        Obstacle {
-            position: obstacle.position + obstacle.velocity * t,
-            orientation: DQuat::from_scaled_axis(obstacle.angular_velocity * t)
-                * obstacle.orientation,
-            ..*obstacle
-        }
+        Obstacle { pose: obstacle.pose.advanced(&obstacle.velocity, t), ..*obstacle }
     }
 
     fn vector(size: f64) -> impl Strategy<Value = DVec3> {
@@ -221,21 +188,19 @@ mod tests {
     }
 
     proptest! {
-        /// Rate, normal and curvature are the derivatives of the distance, of a turning obstacle
+        /// Rate, normal and curvature are the derivatives of the distance, of a rotating obstacle
         /// too; the surface's kinks are where two sides are equally near.
         #[test]
         fn clearance_changes_as_its_rate_normal_and_curvature_say(
             shape in 0_usize..4,
-            place in vector(0.3), turn in vector(2.0),
-            own in vector(0.4), spin in vector(0.8),
+            position in vector(0.3), rotation in vector(2.0),
+            linear in vector(0.4), angular in vector(0.8),
             point in vector(0.6), velocity in vector(0.5), acceleration in vector(1.0),
         ) {
             let obstacle = Obstacle {
                 shape: shapes()[shape],
-                position: place,
-                orientation: DQuat::from_scaled_axis(turn),
-                velocity: own,
-                angular_velocity: spin,
+                pose: Pose { position, orientation: DQuat::from_scaled_axis(rotation) },
+                velocity: Twist { linear, angular },
             };
             let at = |t: f64| {
                 moved(&obstacle, t).clearance(
@@ -255,8 +220,8 @@ mod tests {
             prop_assume!((left - right).abs() < 1e-2 * h * h + 0.05 * left.abs());
             prop_assert!((b.rate - (c.distance - a.distance) / (2.0 * h)).abs() < 1e-5);
             let second = (c.distance - 2.0 * b.distance + a.distance) / (h * h);
-            let told = b.normal.dot(acceleration) + b.curvature;
-            prop_assert!((told - second).abs() < 1e-3 * (1.0 + told.abs()), "{} {}", told, second);
+            let expected = b.normal.dot(acceleration) + b.curvature;
+            prop_assert!((expected - second).abs() < 1e-3 * (1.0 + expected.abs()), "{} {}", expected, second);
             for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
                 let beside = |s: f64| obstacle.distance(point + axis * s, 0.02);
                 let slope = (beside(1e-6) - beside(-1e-6)) / 2e-6;
@@ -280,7 +245,14 @@ mod tests {
         near(at(cuboid, [0.13, 0.24, 0.0]), 0.04);
         near(at(cuboid, [0.0, 0.0, 0.03]), -0.03);
         near(at(plane, [5.0, 1.0, -0.2]), -0.21);
-        let tilted = Obstacle::half_space(DVec3::Z * 0.1, DVec3::X, DVec3::ZERO);
+        let tilted = Obstacle {
+            shape: plane,
+            pose: Pose {
+                position: DVec3::Z * 0.1,
+                orientation: DQuat::from_rotation_arc(DVec3::Z, DVec3::X),
+            },
+            velocity: Twist::ZERO,
+        };
         near(tilted.distance(DVec3::new(0.5, 3.0, 1.0), 0.1), 0.4);
     }
 }

@@ -1,6 +1,7 @@
 //! A governor: keeps what a learned policy asks for within a speed.
 
 use nalgebra::{Matrix3, Vector3, Vector6};
+use tprmp_spatial::Twist;
 
 use crate::natural::{Factor, Natural};
 
@@ -39,12 +40,13 @@ const METRIC_DAMPING: f64 = 1e-9;
 impl SpeedGovernor {
     /// The policy on \[linear; angular\], within the speeds.
     ///
-    /// * `velocity`  ẋ, \[linear; angular\]
+    /// * `velocity`  ẋ of the pose
     ///
     /// Hot path: no allocation. A policy whose metric is not positive semi-definite is returned as
     /// it is.
     #[must_use]
-    pub fn govern(&self, policy: &Natural<6>, velocity: &Vector6<f64>) -> Natural<6> {
+    pub fn govern(&self, policy: &Natural<6>, velocity: &Twist) -> Natural<6> {
+        let velocity = &Vector6::from(*velocity);
         // Shares of u within the speed, and within the change of velocity.
         let shares = |most: f64, first: usize| {
             let block = policy.metric.fixed_view::<3, 3>(first, first);
@@ -99,6 +101,7 @@ fn change_fraction(wanted: &Vector3<f64>, now: &Vector3<f64>, most: f64) -> f64 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec3;
     use nalgebra::Matrix6;
     use proptest::prelude::*;
 
@@ -110,42 +113,46 @@ mod tests {
         Natural { force: metric * Vector6::new(linear, 0.0, 0.0, 0.0, angular, 0.0), metric }
     }
 
+    fn along(speed: f64) -> Twist {
+        Twist { linear: DVec3::X * speed, angular: DVec3::ZERO }
+    }
+
     #[test]
     fn a_slow_policy_is_left_alone_and_a_fast_one_tends_to_the_speed() {
-        let velocity = Vector6::new(0.5, 0.0, 0.0, 0.0, 1.0, 0.0);
+        let velocity = Twist { linear: DVec3::X * 0.5, angular: DVec3::Y };
         let slow = policy(8.0 * 1.4, 0.0);
         assert_eq!(GOVERNOR.govern(&slow, &velocity), slow);
         // u = 0.5 + 100/8 = 13 m/s.
         let fast = GOVERNOR.govern(&policy(100.0, 0.0), &velocity).resolve().unwrap();
-        assert!((velocity[0] + fast[0] / 8.0 - 2.0).abs() < 1e-6, "{fast}");
+        assert!((velocity.linear.x + fast[0] / 8.0 - 2.0).abs() < 1e-6, "{fast}");
         // The turning is slowed with it, so that the way stays the same.
-        assert!((velocity[4] + fast[4] / 8.0 - 2.0 / 13.0).abs() < 1e-6, "{fast}");
+        assert!((velocity.angular.y + fast[4] / 8.0 - 2.0 / 13.0).abs() < 1e-6, "{fast}");
         let turning = GOVERNOR.govern(&policy(0.0, 100.0), &velocity).resolve().unwrap();
-        assert!((velocity[4] + turning[4] / 8.0 - 4.0).abs() < 1e-6, "{turning}");
+        assert!((velocity.angular.y + turning[4] / 8.0 - 4.0).abs() < 1e-6, "{turning}");
     }
 
     #[test]
     fn what_moves_the_wrong_way_brakes_before_it_comes_back() {
         // u = 13 m/s the other way: the change asked for stays within 2 m/s, or |ẋ| where that is more.
         for (speed, change) in [(-0.5, 2.0), (-1.5, 2.0), (-2.0, 2.0), (-3.0, 3.0)] {
-            let velocity = Vector6::new(speed, 0.0, 0.0, 0.0, 0.0, 0.0);
+            let velocity = along(speed);
             let asked = 8.0 * (13.0 - speed);
             let back = GOVERNOR.govern(&policy(asked, 0.0), &velocity).resolve().unwrap();
             assert!((back[0] / 8.0 - change).abs() < 1e-6, "{speed}: {back}");
         }
         // Across the motion, too.
-        let velocity = Vector6::new(1.6, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let velocity = along(1.6);
         let mut across = policy(-8.0 * 1.6, 0.0);
         across.force[1] = 8.0 * 5.0;
         let back = GOVERNOR.govern(&across, &velocity).resolve().unwrap();
         assert!((back[0].hypot(back[1]) / 8.0 - 2.0).abs() < 1e-6, "{back}");
-        assert!((velocity[0] * 8.0 + back[0]).abs() < 1e-6 && back[1] > 0.0, "{back}");
+        assert!((velocity.linear.x * 8.0 + back[0]).abs() < 1e-6 && back[1] > 0.0, "{back}");
     }
 
     #[test]
     fn braking_in_one_part_leaves_the_other_to_its_way() {
         // Pushed faster than 2 m/s, the policy wants to stop, or to come back: it turns on all the same.
-        let velocity = Vector6::new(3.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let velocity = along(3.0);
         for wanted in [0.1, -0.1, -1.0] {
             let asked = policy(8.0 * (wanted - 3.0), 8.0 * 2.0);
             let governed = GOVERNOR.govern(&asked, &velocity).resolve().unwrap();
@@ -177,7 +184,7 @@ mod tests {
         for i in 2..6 {
             plane.metric[(i, i)] = 0.0;
         }
-        let governed = GOVERNOR.govern(&plane, &Vector6::zeros());
+        let governed = GOVERNOR.govern(&plane, &Twist::ZERO);
         assert!((governed.force[0] / governed.metric[(0, 0)] - 16.0).abs() < 1e-6);
         assert!(governed.force.iter().all(|f| f.is_finite()));
     }

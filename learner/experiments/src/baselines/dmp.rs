@@ -104,7 +104,7 @@ impl Follower for DmpFollower<'_> {
         let goal = now.frames[1].pose.position + self.goal_offset;
         let damping = 2.0 * STIFFNESS.sqrt();
         let wanted = (goal - now.pose.position) * STIFFNESS
-            - now.linear * (damping * tau)
+            - now.velocity.linear * (damping * tau)
             - (goal - self.start) * (STIFFNESS * s)
             + self.dmp.force(s) * STIFFNESS;
         point_wish(wanted / (tau * tau))

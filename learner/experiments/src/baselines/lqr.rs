@@ -147,7 +147,7 @@ impl Follower for LqrFollower<'_> {
         // In the hold the gain of its middle serves for ever.
         let last = self.gains.len() - HOLD_STEPS / 2;
         let (gain, forward) = self.gains[((now.time_s / STEP_S) as usize).min(last)];
-        let (x, v) = (now.pose.position, now.linear);
+        let (x, v) = (now.pose.position, now.velocity.linear);
         let u = forward - gain * Vector4::new(x.x, x.y, v.x, v.y);
         point_wish(DVec3::new(u.x, u.y, 0.0))
     }

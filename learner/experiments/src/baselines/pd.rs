@@ -39,10 +39,10 @@ impl Follower for Pd {
             let time_s = held_s * PUBLISHED_SPEED;
             let [p, ..] = sampled(&self.points, self.sampling_time_s, time_s);
             let [stiffness, damping] = PUBLISHED_GAINS;
-            return point_wish(away(p) * stiffness - now.linear * damping);
+            return point_wish(away(p) * stiffness - now.velocity.linear * damping);
         }
         let [p, v, a] = sampled(&self.points, self.sampling_time_s, now.time_s);
         let damping = 2.0 * STIFFNESS_1_S2.sqrt();
-        point_wish(a + away(p) * STIFFNESS_1_S2 + (v - now.linear) * damping)
+        point_wish(a + away(p) * STIFFNESS_1_S2 + (v - now.velocity.linear) * damping)
     }
 }

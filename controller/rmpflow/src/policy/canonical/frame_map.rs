@@ -32,7 +32,7 @@
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::policy::canonical::adaptation::Adaptation;
-use crate::policy::thesis::product_skill::FRAME_CAPACITY;
+use crate::policy::value::FRAME_CAPACITY;
 use tprmp_spatial::jet::{Jet, Quat, Real, Vec3};
 use tprmp_spatial::rotation::inverse_left_jacobian;
 use tprmp_spatial::{MovingPose, Pose};

@@ -3,4 +3,4 @@
 pub mod adaptation;
 pub mod field;
 pub mod frame_map;
-pub mod skill;
+pub mod policy;

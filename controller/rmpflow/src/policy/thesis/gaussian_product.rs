@@ -18,7 +18,7 @@ use nalgebra::{Cholesky, SMatrix, SVector};
 
 use crate::lanes::{self, Kernel, LANES, Lanes};
 use crate::policy::thesis::product_quad::PoseQuad;
-use crate::policy::thesis::product_skill::FRAME_CAPACITY;
+use crate::policy::value::FRAME_CAPACITY;
 use tprmp_spatial::Pose;
 
 /// A factor is stronger than another when its precision's determinant is larger by more than this:

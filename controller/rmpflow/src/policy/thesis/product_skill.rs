@@ -23,15 +23,12 @@ use nalgebra::{SMatrix, SVector, Vector6};
 
 use crate::lanes::{self, Kernel, LANES, Lanes, Quad};
 use crate::policy::canonical::field::{COMPONENT_CAPACITY, FieldValue};
-use crate::policy::canonical::skill::{SkillInertia, SkillValue};
 use crate::policy::thesis::gaussian_field::GaussianField;
 use crate::policy::thesis::gaussian_product::{PoseGaussian, block_diagonal, strongest, tangent};
 use crate::policy::thesis::product_quad::{Frame, PoseQuad};
+use crate::policy::value::{FRAME_CAPACITY, SkillInertia, SkillValue};
 use tprmp_spatial::rotation::{Chart, orientation_chart};
-use tprmp_spatial::{MovingPose, Pose};
-
-/// Most frames of a skill.
-pub const FRAME_CAPACITY: usize = 8;
+use tprmp_spatial::{MovingPose, Pose, Twist};
 
 /// One component, as the frames see it.
 #[derive(Debug, Clone, PartialEq)]
@@ -154,21 +151,21 @@ impl<const D: usize> ProductState<D> {
 
     /// A moving pose in the coordinates of the field.
     ///
-    /// * `linear`, `angular`  velocity of the pose in the world \[m/s, rad/s\]
+    /// * `velocity`  of the pose, in the world
     #[must_use]
-    pub fn coordinates(&self, pose: &Pose, linear: DVec3, angular: DVec3) -> Coordinates<D> {
+    pub fn coordinates(&self, pose: &Pose, velocity: &Twist) -> Coordinates<D> {
         if D < 6 {
             return Coordinates {
                 point: tangent(pose.position, DVec3::ZERO),
-                velocity: tangent(linear, DVec3::ZERO),
+                velocity: tangent(velocity.linear, DVec3::ZERO),
                 jacobian: block_diagonal(DMat3::IDENTITY, DMat3::ZERO),
                 bias: Vector6::zeros(),
             };
         }
-        let chart = orientation_chart(self.goal.orientation, pose.orientation, angular);
+        let chart = orientation_chart(self.goal.orientation, pose.orientation, velocity.angular);
         Coordinates {
             point: tangent(pose.position, chart.rotation),
-            velocity: tangent(linear, chart.velocity),
+            velocity: tangent(velocity.linear, chart.velocity),
             jacobian: block_diagonal(DMat3::IDENTITY, chart.jacobian),
             bias: tangent(DVec3::ZERO, chart.bias),
         }
@@ -277,7 +274,7 @@ impl<const D: usize> ProductSkill<D> {
     ///   component's γ Λ̂ is `linear_kg`; the ratio of angular to linear inertia is learned, and
     ///   `angular_kg_m2` does not enter
     /// * `frames`  in the order of the skill's frames; their velocities do not enter
-    /// * `linear`, `angular`  velocity of the pose in the world \[m/s, rad/s\]
+    /// * `velocity`  of the pose, in the world
     /// * `state`  of the last call, brought up to these frames
     ///
     /// For D = 2 there is no force and no inertia in height and rotation, for D = 3 none in
@@ -291,8 +288,7 @@ impl<const D: usize> ProductSkill<D> {
         inertia: &SkillInertia,
         frames: &[MovingPose],
         pose: &Pose,
-        linear: DVec3,
-        angular: DVec3,
+        velocity: &Twist,
         state: &mut ProductState<D>,
     ) -> SkillValue {
         self.update(frames, state);
@@ -301,11 +297,11 @@ impl<const D: usize> ProductSkill<D> {
         }
         let scale = inertia.linear_kg / self.goal_inertia;
         let mut value = SkillValue::zero();
-        let chart =
-            (D == 6).then(|| orientation_chart(state.goal.orientation, pose.orientation, angular));
+        let chart = (D == 6)
+            .then(|| orientation_chart(state.goal.orientation, pose.orientation, velocity.angular));
         let (rotation, rate) =
             chart.as_ref().map_or((DVec3::ZERO, DVec3::ZERO), |c| (c.rotation, c.velocity));
-        let (point, velocity) = (tangent(pose.position, rotation), tangent(linear, rate));
+        let (point, velocity) = (tangent(pose.position, rotation), tangent(velocity.linear, rate));
         let field = state.field.evaluate(&point, &velocity);
         pull_back(&field, &velocity, scale, chart.as_ref(), &mut value);
         value
@@ -474,13 +470,17 @@ mod tests {
         ]
     }
 
+    fn twist([linear, angular]: [DVec3; 2]) -> Twist {
+        Twist { linear, angular }
+    }
+
     fn evaluate<const D: usize>(
         skill: &ProductSkill<D>,
         frames: &[MovingPose],
         pose: &Pose,
         velocity: [DVec3; 2],
     ) -> SkillValue {
-        skill.evaluate(&INERTIA, frames, pose, velocity[0], velocity[1], &mut ProductState::new())
+        skill.evaluate(&INERTIA, frames, pose, &twist(velocity), &mut ProductState::new())
     }
 
     /// The acceleration, zero where the skill has no inertia.
@@ -641,10 +641,9 @@ mod tests {
             let skill = skill::<6>();
             let mut moved = frames();
             moved[1].pose.position.x += 0.1;
-            let [linear, angular] = velocity;
             let mut state = ProductState::new();
             for frames in [frames(), frames(), moved, moved, frames()] {
-                let used = skill.evaluate(&INERTIA, &frames, &pose, linear, angular, &mut state);
+                let used = skill.evaluate(&INERTIA, &frames, &pose, &twist(velocity), &mut state);
                 let fresh = evaluate(&skill, &frames, &pose, velocity);
                 prop_assert!(used.natural == fresh.natural && used.energy == fresh.energy);
             }
@@ -667,12 +666,13 @@ mod tests {
             orientation: (DQuat::from_scaled_axis(angular * h) * pose.orientation).normalize(),
         };
         for _ in 0..(seconds / dt) as usize {
-            let value = skill.evaluate(&INERTIA, &frames(), &pose, linear, angular, &mut state);
+            let velocity = Twist { linear, angular };
+            let value = skill.evaluate(&INERTIA, &frames(), &pose, &velocity, &mut state);
             each(&value);
             let [a, alpha] = acceleration::<D>(&value.natural);
             let (v2, w2) = (linear + a * (dt / 2.0), angular + alpha * (dt / 2.0));
             let middle = moved(&pose, (linear + v2) * 0.5, (angular + w2) * 0.5, dt / 2.0);
-            let value = skill.evaluate(&INERTIA, &frames(), &middle, v2, w2, &mut state);
+            let value = skill.evaluate(&INERTIA, &frames(), &middle, &twist([v2, w2]), &mut state);
             let [a, alpha] = acceleration::<D>(&value.natural);
             pose = moved(&pose, linear + a * (dt / 2.0), angular + alpha * (dt / 2.0), dt);
             linear += a * dt;
@@ -723,8 +723,8 @@ mod tests {
             position: DVec3::splat(0.2) + linear * t + pull * (0.5 * t * t),
             orientation: DQuat::from_scaled_axis(angular * t + spin * (0.5 * t * t)) * start,
         };
-        let point = |t: f64| state.coordinates(&at(t), DVec3::ZERO, DVec3::ZERO).point;
-        let now = state.coordinates(&at(0.0), linear, angular);
+        let point = |t: f64| state.coordinates(&at(t), &Twist::ZERO).point;
+        let now = state.coordinates(&at(0.0), &Twist { linear, angular });
         let h = 1e-4;
         let velocity = (point(h) - point(-h)) / (2.0 * h);
         let second = (point(h) - point(0.0) * 2.0 + point(-h)) / (h * h);
@@ -747,8 +747,7 @@ mod tests {
         let (skill, mut state) = (skill::<3>(), ProductState::new());
         let pose = Pose::IDENTITY;
         let mut resolves = |frames: &[MovingPose]| {
-            let value =
-                skill.evaluate(&INERTIA, frames, &pose, DVec3::ZERO, DVec3::ZERO, &mut state);
+            let value = skill.evaluate(&INERTIA, frames, &pose, &Twist::ZERO, &mut state);
             let goal = state.goal().position.is_finite();
             let mut natural = value.natural;
             for i in 3..6 {

@@ -15,17 +15,14 @@
 
 use glam::{DMat3, DVec3};
 use nalgebra::{Matrix6, SVector, Vector6};
+use tprmp_spatial::rotation::rotation_vector;
+use tprmp_spatial::{MovingPose, Pose, Twist, Wrench};
 
 use crate::natural::Natural;
 use crate::policy::canonical::field::Field;
 use crate::policy::canonical::frame_map::{FrameMap, FrameTransforms, Mapped};
-use tprmp_spatial::rotation::rotation_vector;
-use tprmp_spatial::{MovingPose, Pose};
+use crate::policy::value::{Phase, PhaseResponse, SkillInertia, SkillValue};
 
-/// The phase stays within these bounds …
-pub const PHASE_RANGE: [f64; 2] = [-0.25, 1.25];
-/// … and its rate below this \[1/s\].
-pub const PHASE_RATE_MAX_1_S: f64 = 50.0;
 /// Phases that are compared to find the one to start with.
 const PHASES_COMPARED: usize = 97;
 /// A pose is at the start when it lies so much farther from it than from the nearest phase at most, as
@@ -45,96 +42,15 @@ pub enum PositionField {
     Space(Box<Field<4>>),
 }
 
-/// A learned skill: immutable.
+/// A learned policy on canonical coordinates and the phase: immutable.
 #[derive(Debug, Clone)]
-pub struct Skill {
+pub struct CanonicalPolicy {
     /// How the frames move the space.
     pub map: FrameMap,
     /// Position, with unit inertia at the goal.
     pub position: PositionField,
     /// Orientation chart, with unit inertia at the goal; `None` when orientation is free.
     pub orientation: Option<Box<Field<4>>>,
-}
-
-/// How strongly a skill speaks where it meets other leaves: its inertia at the goal.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SkillInertia {
-    /// \[kg\]
-    pub linear_kg: f64,
-    /// \[kg m²\]
-    pub angular_kg_m2: f64,
-}
-
-/// Where a skill is on its way, and how fast it goes on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Phase {
-    /// s: 0 at the start, 1 at the goal.
-    pub value: f64,
-    /// ṡ \[1/s\].
-    pub rate_1_s: f64,
-}
-
-/// How the phase answers to the acceleration of the tool: s̈ = free − couplingᵀ ẍ.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PhaseResponse {
-    /// M_ss⁻¹ f_s \[1/s²\].
-    pub free: f64,
-    /// M_ss⁻¹ M_sx on \[linear; angular\] \[1/m; 1/rad\].
-    pub coupling: Vector6<f64>,
-    /// It is not slower than this \[1/s²\]; −∞ unless an obstacle holds the tool back.
-    pub least: f64,
-}
-
-impl PhaseResponse {
-    /// That of a policy without a phase.
-    pub(crate) fn none() -> Self {
-        Self { free: 0.0, coupling: Vector6::zeros(), least: f64::NEG_INFINITY }
-    }
-}
-
-impl Phase {
-    /// Goes on for `dt_s` with the acceleration that the tool gets \[m/s², rad/s²\], by the
-    /// semi-implicit Euler rule. At the ends of [`PHASE_RANGE`] it comes to rest.
-    pub fn advance(&mut self, response: &PhaseResponse, linear: DVec3, angular: DVec3, dt_s: f64) {
-        let tool = Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z);
-        let own = response.free - response.coupling.dot(&tool);
-        // Not `max`, which would hide what is not a number.
-        let acceleration = if own < response.least { response.least } else { own };
-        let rate =
-            (self.rate_1_s + acceleration * dt_s).clamp(-PHASE_RATE_MAX_1_S, PHASE_RATE_MAX_1_S);
-        let value = self.value + rate * dt_s;
-        if value.is_finite() {
-            let [low, high] = PHASE_RANGE;
-            self.value = value.clamp(low, high);
-            self.rate_1_s = if self.value == value { rate } else { 0.0 };
-        }
-    }
-}
-
-/// A skill at a moving pose.
-#[derive(Debug, Clone, Copy)]
-pub struct SkillValue {
-    /// M ẍ = f on \[linear; angular\] of the pose, drift of the map included.
-    pub natural: Natural<6>,
-    /// V = Φ + ½ żᵀMż \[J\], that of the phase included: never rises while the frames stand still.
-    pub energy: f64,
-    /// How its phase goes on.
-    pub phase: PhaseResponse,
-}
-
-impl SkillValue {
-    /// No policy yet.
-    pub(crate) fn zero() -> Self {
-        Self { natural: Natural::zero(), energy: 0.0, phase: PhaseResponse::none() }
-    }
-
-    /// What comes of frames or parameters with which there is nothing to evaluate: not finite, so
-    /// that [`Natural::resolve`] refuses it.
-    pub(crate) fn undefined() -> Self {
-        let natural =
-            Natural { force: Vector6::repeat(f64::NAN), metric: Matrix6::repeat(f64::NAN) };
-        Self { natural, energy: f64::NAN, phase: PhaseResponse::none() }
-    }
 }
 
 /// The field of one block, position or orientation, pulled back to its displacement x and the phase.
@@ -193,7 +109,7 @@ impl Block {
 fn without_phase(position: &Block, rotation: &Block) -> SkillValue {
     let inverse = 1.0 / (position.metric.2 + rotation.metric.2);
     let free = (position.force.1 + rotation.force.1) * inverse;
-    let pair = |a: DVec3, b: DVec3| Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z);
+    let pair = |force: DVec3, torque: DVec3| Vector6::from(Wrench { force, torque });
     let column = pair(position.metric.1, rotation.metric.1);
     let coupling = column * inverse;
     let mut metric = Matrix6::zeros();
@@ -219,7 +135,7 @@ fn without_phase(position: &Block, rotation: &Block) -> SkillValue {
     }
 }
 
-impl Skill {
+impl CanonicalPolicy {
     /// How many frames it takes.
     #[must_use]
     pub fn frame_count(&self) -> usize {
@@ -235,8 +151,8 @@ impl Skill {
 
     /// Evaluates the skill for a moving pose, at a phase.
     ///
-    /// * `displacement`  the frames as they are now
-    /// * `linear`, `angular`  velocity of the pose in the world \[m/s, rad/s\]
+    /// * `transforms`  the frames as they are now
+    /// * `velocity`  of the pose, in the world
     ///
     /// Hot path: no allocation. Input that is not finite gives output that is not finite.
     #[must_use]
@@ -245,18 +161,17 @@ impl Skill {
         inertia: &SkillInertia,
         transforms: &FrameTransforms,
         pose: &Pose,
-        linear: DVec3,
-        angular: DVec3,
+        velocity: &Twist,
         phase: &Phase,
     ) -> SkillValue {
         let transported = self.map.at(transforms, phase.value, phase.rate_1_s);
-        let mapped = transported.position(pose.position, linear);
+        let mapped = transported.position(pose.position, velocity.linear);
         let position = match &self.position {
             PositionField::Plane(field) => Block::new(field, inertia.linear_kg, phase, &mapped),
             PositionField::Space(field) => Block::new(field, inertia.linear_kg, phase, &mapped),
         };
         let rotation = self.orientation.as_ref().map_or(Block::NONE, |field| {
-            let mapped = transported.rotation(pose.orientation, angular);
+            let mapped = transported.rotation(pose.orientation, velocity.angular);
             Block::new(field, inertia.angular_kg_m2, phase, &mapped)
         });
         without_phase(&position, &rotation)
@@ -422,9 +337,10 @@ mod tests {
     use super::*;
     use crate::policy::canonical::field::Component;
     use crate::policy::canonical::frame_map::Anchor;
-    use crate::policy::{Policy, PolicyState};
+    use crate::policy::skill_policy::{PolicyState, SkillPolicy};
     use glam::DQuat;
     use nalgebra::{Matrix3, Matrix4, SMatrix, Vector3, Vector4};
+    use tprmp_spatial::SpatialAcceleration;
 
     /// A straight way from `start` to `goal`: a valley that falls along it.
     fn way(start: Vector3<f64>, goal: Vector3<f64>, stiffness: f64) -> Field<4> {
@@ -453,7 +369,7 @@ mod tests {
         Field::new(&components, 0.15, 8.0).unwrap()
     }
 
-    fn skill() -> Skill {
+    fn skill() -> CanonicalPolicy {
         let pose = |p: [f64; 3], r: [f64; 3]| Pose {
             position: p.into(),
             orientation: DQuat::from_scaled_axis(r.into()),
@@ -465,10 +381,9 @@ mod tests {
             Anchor { index: 0, frame: start, point: start.position, phase: 0.0 },
             Anchor { index: 1, frame: goal_frame, point: goal.position, phase: 1.0 },
         ];
-        let vector = |v: DVec3| Vector3::from(v.to_array());
-        let position = way(vector(start.position), vector(goal.position), 16.0);
+        let position = way(start.position.into(), goal.position.into(), 16.0);
         let orientation = way(Vector3::new(-0.6, 0.2, 0.1), Vector3::zeros(), 12.0);
-        Skill {
+        CanonicalPolicy {
             map: FrameMap::new(&anchors, goal, true).unwrap(),
             position: PositionField::Space(Box::new(position)),
             orientation: Some(Box::new(orientation)),
@@ -483,27 +398,24 @@ mod tests {
         seconds: f64,
         mut each: impl FnMut(&SkillValue, &Phase),
     ) -> (Pose, Pose) {
-        let policy = Policy::Canonical(skill());
+        let policy = SkillPolicy::Canonical(skill());
         let dt = 1e-3;
         let mut pose = Pose {
             position: DVec3::new(0.35, 0.2, 0.4),
             orientation: DQuat::from_scaled_axis(DVec3::new(2.0, -0.4, 0.9)),
         };
-        let (mut linear, mut angular) = (DVec3::new(0.2, 0.1, -0.1), DVec3::new(0.3, 0.0, 0.5));
+        let mut velocity =
+            Twist { linear: DVec3::new(0.2, 0.1, -0.1), angular: DVec3::new(0.3, 0.0, 0.5) };
         let mut state = PolicyState::default();
         let steps = (seconds / dt) as usize;
         for step in 0..steps {
             let t = step as f64 * dt;
-            let value = policy.evaluate(&INERTIA, &frames(t), &pose, linear, angular, &mut state);
+            let value = policy.evaluate(&INERTIA, &frames(t), &pose, &velocity, &mut state);
             each(&value, &state.phase().unwrap());
-            let a = value.natural.resolve().unwrap();
-            let (a, alpha) = (DVec3::new(a[0], a[1], a[2]), DVec3::new(a[3], a[4], a[5]));
-            state.advance(&value, a, alpha, dt);
-            linear += a * dt;
-            angular += alpha * dt;
-            pose.position += linear * dt;
-            pose.orientation =
-                (DQuat::from_scaled_axis(angular * dt) * pose.orientation).normalize();
+            let acceleration = value.natural.resolve().unwrap().into();
+            state.advance(&value, &acceleration, dt);
+            velocity = velocity.advanced(&acceleration, dt);
+            pose = pose.advanced(&velocity, dt);
         }
         (pose, policy.goal(&frames(seconds), &mut state))
     }
@@ -564,7 +476,8 @@ mod tests {
             orientation: DQuat::from_scaled_axis(DVec3::new(2.5, 0.3, 0.4)),
         };
         let phase = Phase { value: 0.4, rate_1_s: 0.3 };
-        let value = skill.evaluate(&INERTIA, &d, &pose, DVec3::X, DVec3::Y, &phase);
+        let velocity = Twist { linear: DVec3::X, angular: DVec3::Y };
+        let value = skill.evaluate(&INERTIA, &d, &pose, &velocity, &phase);
         let metric = value.natural.metric;
         assert!((metric - metric.transpose()).norm() < 1e-12);
         assert!(metric.cholesky().is_some());
@@ -625,8 +538,8 @@ mod tests {
         let pose = on_the_way(0.5);
         let mut phase = skill.nearest_phase(&INERTIA, &d, &pose);
         for _ in 0..20_000 {
-            let value = skill.evaluate(&INERTIA, &d, &pose, DVec3::ZERO, DVec3::ZERO, &phase);
-            phase.advance(&value.phase, DVec3::ZERO, DVec3::ZERO, 1e-3);
+            let value = skill.evaluate(&INERTIA, &d, &pose, &Twist::ZERO, &phase);
+            phase.advance(&value.phase, &SpatialAcceleration::ZERO, 1e-3);
         }
         assert!((0.5..0.98).contains(&phase.value) && phase.rate_1_s.abs() < 1e-6, "{phase:?}");
     }
@@ -640,37 +553,18 @@ mod tests {
             position: skill.map.anchors()[0].point,
             orientation: skill.map.goal().orientation,
         };
-        let policy = Policy::Canonical(skill);
+        let policy = SkillPolicy::Canonical(skill);
         let value_after = |obstructed_fraction: f64| {
             let mut state = PolicyState::default();
             for _ in 0..40_000 {
-                let value =
-                    policy.evaluate(&INERTIA, &frames, &pose, DVec3::ZERO, DVec3::ZERO, &mut state);
+                let value = policy.evaluate(&INERTIA, &frames, &pose, &Twist::ZERO, &mut state);
                 state.set_obstructed(obstructed_fraction);
-                state.advance(&value, DVec3::ZERO, DVec3::ZERO, 1e-3);
+                state.advance(&value, &SpatialAcceleration::ZERO, 1e-3);
             }
             state.phase().unwrap().value
         };
         let (held, obstructed) = (value_after(0.0), value_after(0.5));
         assert!(held < 0.9 && obstructed > 0.97, "{held} {obstructed}");
-    }
-
-    #[test]
-    fn a_phase_stays_finite_and_in_its_range() {
-        let response = |free: f64| {
-            let least = f64::NEG_INFINITY;
-            PhaseResponse { free, coupling: Vector6::repeat(1.0), least }
-        };
-        let mut phase = Phase { value: 0.2, rate_1_s: 0.1 };
-        phase.advance(&response(f64::NAN), DVec3::ZERO, DVec3::ZERO, 1e-3);
-        phase.advance(&response(0.0), DVec3::NAN, DVec3::ZERO, 1e-3);
-        assert_eq!(phase, Phase { value: 0.2, rate_1_s: 0.1 });
-        for _ in 0..100 {
-            phase.advance(&response(1e9), DVec3::ZERO, DVec3::ZERO, 1e-2);
-        }
-        assert_eq!(phase, Phase { value: PHASE_RANGE[1], rate_1_s: 0.0 });
-        phase.advance(&response(f64::NEG_INFINITY), DVec3::ZERO, DVec3::ZERO, 1e-3);
-        assert_eq!(phase.rate_1_s, -PHASE_RATE_MAX_1_S);
     }
 
     #[test]
@@ -688,7 +582,8 @@ mod tests {
         let frames = [skill.map.anchors()[0].frame, skill.map.goal_frame()];
         let d = skill.transforms(&frames.map(MovingPose::at_rest)).unwrap();
         let phase = Phase { value: 0.1, rate_1_s: 0.0 };
-        let value = skill.evaluate(&INERTIA, &d, &frames[0], DVec3::X, DVec3::ZERO, &phase);
+        let velocity = Twist { linear: DVec3::X, angular: DVec3::ZERO };
+        let value = skill.evaluate(&INERTIA, &d, &frames[0], &velocity, &phase);
         assert!(value.natural.force.fixed_rows::<3>(3).norm() == 0.0);
         assert!(value.natural.metric.fixed_view::<3, 3>(3, 3).norm() == 0.0);
         assert!(value.natural.metric[(0, 0)] > 0.5);

@@ -1,0 +1,242 @@
+//! A learned policy of either kind, and the workspace that serves them all.
+
+use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
+
+use crate::policy::canonical::policy::CanonicalPolicy;
+use crate::policy::thesis::product_skill::{ProductSkill, ProductState};
+use crate::policy::value::{Phase, SkillInertia, SkillValue};
+
+/// A learned policy: immutable.
+#[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "there is one policy, and it lies close together")]
+pub enum SkillPolicy {
+    /// Fields on canonical coordinates and the phase, behind a frame map.
+    Canonical(CanonicalPolicy),
+    /// Products of Gaussians in the plane.
+    Plane(ProductSkill<2>),
+    /// Products of Gaussians in space.
+    Space(ProductSkill<3>),
+    /// Products of Gaussians on poses.
+    Pose(ProductSkill<6>),
+}
+
+/// A tool is held back when more than this fraction of the velocity it wants leads into an obstacle; its
+/// phase then has at least …
+const OBSTRUCTED_MIN: f64 = 0.1;
+/// … this fraction of its own pull.
+const HELD_FRACTION: f64 = 0.3;
+
+/// What a policy needs between calls. It serves a policy of any kind, and belongs to one policy.
+#[derive(Debug, Clone, Default)]
+pub struct PolicyState {
+    /// Where a canonical skill is on its way; found anew when there is none.
+    phase: Option<Phase>,
+    /// Whether an obstacle holds the tool back.
+    held: bool,
+    plane: ProductState<2>,
+    space: ProductState<3>,
+    pose: ProductState<6>,
+}
+
+impl PolicyState {
+    /// Forgets where the skill is on its way: the next [`SkillPolicy::evaluate`] finds the phase that suits the
+    /// pose. After the tool was moved by something else.
+    pub fn restart(&mut self) {
+        self.phase = None;
+        self.held = false;
+    }
+
+    /// Goes on from a phase.
+    pub fn resume(&mut self, phase: Phase) {
+        self.phase = Some(phase);
+    }
+
+    /// Where a canonical skill is on its way, once it was evaluated.
+    #[must_use]
+    pub fn phase(&self) -> Option<Phase> {
+        self.phase
+    }
+
+    /// Tells how much of the velocity that the tool wants leads into an obstacle, 0 to 1
+    /// ([`Proximity::obstructed_fraction`](crate::leaves::Proximity::obstructed_fraction)). A skill that is held back goes on
+    /// along its way nonetheless, slower, so that the tool leaves the obstacle sooner or later.
+    pub fn set_obstructed(&mut self, fraction: f64) {
+        self.held = fraction > OBSTRUCTED_MIN;
+    }
+
+    /// Goes on for `dt_s` \[s\] with the acceleration that the tool gets, forces of others included.
+    ///
+    /// * `value`  of the last [`SkillPolicy::evaluate`]
+    /// * `acceleration`  of the pose, in the world
+    ///
+    /// Hot path: no allocation. Numbers that are not finite change nothing.
+    pub fn advance(&mut self, value: &SkillValue, acceleration: &SpatialAcceleration, dt_s: f64) {
+        if let Some(phase) = &mut self.phase {
+            phase.advance(&value.phase, acceleration, dt_s);
+        }
+    }
+}
+
+impl SkillPolicy {
+    /// How many frames it needs.
+    #[must_use]
+    pub fn frame_count(&self) -> usize {
+        match self {
+            Self::Canonical(skill) => skill.frame_count(),
+            Self::Plane(skill) => skill.frame_count(),
+            Self::Space(skill) => skill.frame_count(),
+            Self::Pose(skill) => skill.frame_count(),
+        }
+    }
+
+    /// Whether it leads the orientation too.
+    #[must_use]
+    pub fn has_orientation(&self) -> bool {
+        match self {
+            Self::Canonical(skill) => skill.orientation.is_some(),
+            Self::Plane(_) | Self::Space(_) => false,
+            Self::Pose(_) => true,
+        }
+    }
+
+    /// Evaluates the policy for a moving pose  [thesis algorithm 4.1].
+    ///
+    /// * `frames`  in the order of the policy's frames, at least [`SkillPolicy::frame_count`] of them
+    /// * `velocity`  of the pose, in the world
+    /// * `state`  of the last call, which [`PolicyState::advance`] lets go on; until then the same
+    ///   arguments give the same value
+    ///
+    /// Hot path: no allocation. Input that is not finite, or fewer frames than the policy has, gives
+    /// output that is not finite, which [`resolve`](crate::natural::Natural::resolve) refuses.
+    #[must_use]
+    pub fn evaluate(
+        &self,
+        inertia: &SkillInertia,
+        frames: &[MovingPose],
+        pose: &Pose,
+        velocity: &Twist,
+        state: &mut PolicyState,
+    ) -> SkillValue {
+        match self {
+            Self::Canonical(skill) => {
+                let Some(transforms) = skill.transforms(frames) else {
+                    return SkillValue::undefined();
+                };
+                let phase = state
+                    .phase
+                    .get_or_insert_with(|| skill.nearest_phase(inertia, &transforms, pose));
+                let mut value = skill.evaluate(inertia, &transforms, pose, velocity, phase);
+                if state.held {
+                    value.phase.least = skill.pull(inertia, phase, HELD_FRACTION);
+                }
+                value
+            }
+            Self::Plane(skill) => skill.evaluate(inertia, frames, pose, velocity, &mut state.plane),
+            Self::Space(skill) => skill.evaluate(inertia, frames, pose, velocity, &mut state.space),
+            Self::Pose(skill) => skill.evaluate(inertia, frames, pose, velocity, &mut state.pose),
+        }
+    }
+
+    /// The goal for these frames, in the world; not finite for fewer frames than the policy has.
+    ///
+    /// Hot path: no allocation; after [`SkillPolicy::evaluate`] with the same frames it costs nothing.
+    #[must_use]
+    pub fn goal(&self, frames: &[MovingPose], state: &mut PolicyState) -> Pose {
+        match self {
+            Self::Canonical(skill) => skill.map.goal_among(frames).unwrap_or(Pose::UNDEFINED),
+            Self::Plane(skill) => {
+                skill.update(frames, &mut state.plane);
+                state.plane.goal()
+            }
+            Self::Space(skill) => {
+                skill.update(frames, &mut state.space);
+                state.space.goal()
+            }
+            Self::Pose(skill) => {
+                skill.update(frames, &mut state.pose);
+                state.pose.goal()
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::policy::canonical::field::{Component, Field};
+    use crate::policy::canonical::frame_map::{Anchor, FrameMap};
+    use crate::policy::canonical::policy::PositionField;
+    use crate::policy::thesis::gaussian_product::PoseGaussian;
+    use crate::policy::thesis::product_skill::ProductComponent;
+    use glam::{DQuat, DVec3};
+    use nalgebra::{Matrix4, SMatrix, Vector4};
+
+    const INERTIA: SkillInertia = SkillInertia { linear_kg: 2.0, angular_kg_m2: 0.1 };
+
+    fn pose(position: [f64; 3], yaw: f64) -> Pose {
+        Pose { position: position.into(), orientation: DQuat::from_rotation_z(yaw) }
+    }
+
+    fn canonical() -> SkillPolicy {
+        let goal = pose([0.5, -0.25, 0.06], 0.4);
+        let start = pose([0.4, 0.1, 0.3], 0.1);
+        let goal_frame = pose([0.5, -0.25, 0.03], 0.3);
+        let anchors = [
+            Anchor { index: 0, frame: start, point: start.position, phase: 0.0 },
+            Anchor { index: 1, frame: goal_frame, point: goal.position, phase: 1.0 },
+        ];
+        let component = Component {
+            mean: Vector4::new(goal.position.x, goal.position.y, goal.position.z, 1.0),
+            metric: Matrix4::identity(),
+            potential: 0.0,
+            gradient: Vector4::zeros(),
+            hessian: Matrix4::identity() * 16.0,
+        };
+        let field = Field::new(&[component], 0.1, 8.0).unwrap();
+        SkillPolicy::Canonical(CanonicalPolicy {
+            map: FrameMap::new(&anchors, goal, true).unwrap(),
+            position: PositionField::Space(Box::new(field)),
+            orientation: None,
+        })
+    }
+
+    fn products<const D: usize>() -> ProductSkill<D> {
+        let gaussian = PoseGaussian {
+            mean: pose([0.1, 0.2, 0.3], 0.2),
+            precision: SMatrix::identity() * 50.0,
+        };
+        let component =
+            ProductComponent { gaussians: Box::new([gaussian; 2]), potential: 0.0, damping: 20.0 };
+        ProductSkill::new(Box::new([component]), 0.1, 1.0).unwrap()
+    }
+
+    #[test]
+    fn one_state_serves_every_kind_and_the_goal_is_where_the_policy_rests() {
+        let policies = [
+            canonical(),
+            SkillPolicy::Plane(products()),
+            SkillPolicy::Space(products()),
+            SkillPolicy::Pose(products()),
+        ];
+        let frames =
+            [pose([0.35, 0.1, 0.3], 0.2), pose([0.55, -0.2, 0.03], 0.5)].map(MovingPose::at_rest);
+        let mut state = PolicyState::default();
+        for policy in policies {
+            state.restart();
+            let goal = policy.goal(&frames, &mut state);
+            let evaluate = |frames: &[MovingPose], pose: &Pose, state: &mut PolicyState| {
+                policy.evaluate(&INERTIA, frames, pose, &Twist::ZERO, state)
+            };
+            let at_goal = evaluate(&frames, &goal, &mut state);
+            assert!(at_goal.natural.force.norm() < 1e-9 && at_goal.energy.abs() < 1e-9);
+            let beside = Pose { position: goal.position + DVec3::X * 0.1, ..goal };
+            assert!(evaluate(&frames, &beside, &mut state).natural.force[0] < -0.1);
+            let inertia = at_goal.natural.metric;
+            assert_eq!(inertia[(5, 5)] > 0.0, policy.has_orientation());
+            assert!((inertia[(0, 0)] / INERTIA.linear_kg - 1.0).abs() < 0.3);
+            let too_few = &frames[..policy.frame_count() - 1];
+            assert!(evaluate(too_few, &goal, &mut state).natural.resolve().is_err());
+            assert!(!policy.goal(too_few, &mut state).position.is_finite());
+        }
+    }
+}
