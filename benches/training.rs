@@ -52,10 +52,7 @@ fn shown(file: &Path, skill: &Skill, count: usize) -> Vec<Demonstration> {
             let k = (place.floor() as usize).min(last - 1);
             let (a, b) = (demonstration.poses[k], demonstration.poses[k + 1]);
             let fraction = place - k as f64;
-            Pose {
-                position: a.position.lerp(b.position, fraction),
-                orientation: a.orientation.slerp(b.orientation, fraction),
-            }
+            a.interpolate(&b, fraction)
         };
         let poses = (0..count).map(at).collect();
         demonstration.sampling_time_s *= last as f64 / (count - 1) as f64;

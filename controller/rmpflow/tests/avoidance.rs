@@ -146,7 +146,7 @@ fn shapes_with_edges_are_passed() {
 
 #[test]
 fn a_row_of_balls_too_narrow_to_pass_is_gone_around() {
-    // Three balls side by side across the way: a hollow between each two of them.
+    // Three balls side by side across the path: a hollow between each two of them.
     let wall = |_: f64| {
         [-0.45, 0.0, 0.45]
             .map(|y| Obstacle::sphere(DVec3::new(1.0, y, 0.0), 0.22, DVec3::ZERO))
@@ -219,7 +219,7 @@ fn obstacles_that_appear_jump_and_vanish_change_the_acceleration_gradually() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
     #[test]
-    fn random_balls_on_the_way_are_never_touched(
+    fn random_balls_on_the_path_are_never_touched(
         places in prop::collection::vec(([0.4..1.8_f64, -0.5..0.5_f64, -0.5..0.5_f64], 0.05..0.25_f64), 1..6),
         goal in [1.8..2.4_f64, -0.4..0.4_f64, -0.4..0.4_f64],
     ) {

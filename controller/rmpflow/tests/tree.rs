@@ -374,7 +374,7 @@ proptest! {
 
 #[test]
 fn a_link_that_is_blocked_is_led_around_the_obstacle() {
-    // Balls on the way of the outermost link: each holds it, or hardly, without the steering.
+    // Balls in the path of the outermost link: each holds it, or hardly, without the steering.
     let pull = Pull { goal: DVec3::new(0.7, 1.0, 0.0) };
     let run = |steering: Option<Steering>, ball: DVec3| {
         let ball = [Obstacle::sphere(ball, 0.1, DVec3::ZERO)];
@@ -403,7 +403,7 @@ fn a_link_that_is_blocked_is_led_around_the_obstacle() {
 
 /// The pull leads the last link onto the first. Damping alone lets it creep on; repulsion stops it.
 #[test]
-fn links_that_are_pressed_together_never_touch() {
+fn links_that_are_pushed_together_never_touch() {
     let after = |repulsion_m2_s2: f64| {
         let leaf = CollisionAvoidance {
             activation_distance_m: 0.05,
@@ -433,5 +433,5 @@ fn links_that_are_pressed_together_never_touch() {
     let kept = after(0.002);
     assert!(kept > LEAF.clearance_min_m && kept < 0.1, "{kept}");
     let lost = after(0.0);
-    assert!(lost < 0.0, "the pull does press: {lost}");
+    assert!(lost < 0.0, "the pull does push: {lost}");
 }

@@ -9,7 +9,7 @@ use crate::placement::Placement;
 /// How a joint moves. A continuous joint is a revolute one with infinite position limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JointKind {
-    /// Turns about z of its joint frame [rad].
+    /// Rotates about z of its joint frame [rad].
     Revolute,
     /// Slides along z of its joint frame [m].
     Prismatic,
@@ -82,8 +82,8 @@ pub enum CollisionGeometry {
         /// Full edge lengths [m].
         size: DVec3,
     },
-    /// A mesh: carried along so that the kinematics of such a robot can be used, but it cannot be
-    /// covered by spheres.
+    /// A mesh: read so that the kinematics of such a robot can be used, but it cannot be covered by
+    /// spheres.
     Mesh,
 }
 

@@ -92,7 +92,7 @@ pub fn inverse_dynamics<const N: usize>(
 
 /// Joint torques that hold the arm against gravity: h(q, 0).
 ///
-/// With m_i, h_i the mass and the first moment in `B` of all that joint i carries:
+/// With m_i, h_i the mass and the first moment in `B` of all that joint i moves:
 /// `τ_i = −g · (z_i × (h_i − m_i p_i))` for a revolute joint, `−m_i g · z_i` for a prismatic one.
 ///
 /// * `q` joint positions, N [rad or m]

@@ -72,7 +72,7 @@ pub enum UrdfErrorKind {
         /// The links of the file.
         found: Vec<String>,
     },
-    /// The base link does not carry the tool link.
+    /// The base link is not above the tool link.
     #[error(
         "base link `{base_link}`: expected a link between the root and `{tool_link}`, found one beside"
     )]

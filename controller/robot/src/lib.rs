@@ -11,7 +11,7 @@
 //! `X_BE` is the pose of `E` in `B`: it maps coordinates in `E` to coordinates in `B`
 //! (`p_B = R_BE p_E + p_BE`), so that letters cancel: `X_BE = X_BJ X_JE`.
 //! Where the URDF's axis is +z, the joint frame is the URDF frame of the joint's child link;
-//! otherwise it is that frame turned so that z lies along the axis.
+//! otherwise it is that frame rotated so that z lies along the axis.
 //!
 //! 6-vectors and the 6×N Jacobian stack `[linear; angular]` and are expressed in `B`:
 //! the linear part belongs to the origin of `E`, the angular part is the true angular velocity.
@@ -38,7 +38,7 @@
 //!
 //! Evaluation allocates nothing, takes no lock, does no I/O and does not panic. Each loop runs over
 //! the `N` joints. Input that is not finite gives output that is not finite.
-//! Fixed links are folded into the link that carries them, those beside the path to the tool
+//! Fixed links are folded into the link they are fixed to, those beside the path to the tool
 //! included. There are no closed loops and no mimic joints, and meshes are not covered by spheres.
 
 #![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets: [m]")]

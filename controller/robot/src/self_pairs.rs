@@ -3,12 +3,12 @@
 use nalgebra::SVector;
 
 use crate::chain::Chain;
-use crate::control_points::ControlPoints;
+use crate::control_points::{ControlPoint, ControlPoints};
 use crate::kinematics::{Kinematics, forward_kinematics, point_position};
 
 /// Postures that are tried.
 const POSTURE_COUNT: usize = 500;
-/// Pairs of links that touch in at least this fraction of them cannot help it.
+/// Pairs of links that touch in at least this fraction of them touch by design.
 const TOUCHING_FRACTION: f64 = 0.9;
 
 /// Why two links need not keep clear of each other.
@@ -44,32 +44,7 @@ impl SelfPairs {
         let mut links: Vec<usize> = points.iter().map(|point| point.link).collect();
         links.dedup();
         let mut pairs = Self { watched: Vec::new(), ignored: Vec::new() };
-        let mut touching = vec![0_usize; links.len() * links.len()];
-        let mut kinematics = Kinematics::new();
-        let mut random = Weyl::default();
-        for _ in 0..POSTURE_COUNT {
-            let q = SVector::<f64, N>::from_fn(|i, _| {
-                let bounded =
-                    |limit: f64| limit.clamp(-core::f64::consts::PI, core::f64::consts::PI);
-                let lower = bounded(chain.position_lower()[i]);
-                lower + random.next(i) * (bounded(chain.position_upper()[i]) - lower)
-            });
-            forward_kinematics(chain, &q, &mut kinematics);
-            let centre = |i: usize| point_position(&kinematics, points[i].joint, points[i].centre);
-            let mut touch = vec![false; touching.len()];
-            for i in 0..points.len() {
-                for j in i + 1..points.len() {
-                    let apart = centre(i).distance(centre(j)) - points[i].radius - points[j].radius;
-                    let at = |k: usize| links.iter().position(|l| *l == points[k].link);
-                    if let (true, Some(a), Some(b)) = (apart <= 0.0, at(i), at(j)) {
-                        touch[a * links.len() + b] = true;
-                    }
-                }
-            }
-            for (count, touch) in touching.iter_mut().zip(touch) {
-                *count += usize::from(touch);
-            }
-        }
+        let touching = touching_counts(chain, points, &links);
         for (a, &one) in links.iter().enumerate() {
             for (b, &other) in links.iter().enumerate().skip(a + 1) {
                 let joint = |link: usize| chain.moving_links()[link].1;
@@ -100,6 +75,40 @@ impl SelfPairs {
         }
         pairs
     }
+}
+
+/// In how many postures spheres of two links touch, for each pair of `links` row by row.
+fn touching_counts<const N: usize>(
+    chain: &Chain<N>,
+    points: &[ControlPoint],
+    links: &[usize],
+) -> Vec<usize> {
+    let mut touching = vec![0_usize; links.len() * links.len()];
+    let mut kinematics = Kinematics::new();
+    let mut random = Weyl::default();
+    for _ in 0..POSTURE_COUNT {
+        let q = SVector::<f64, N>::from_fn(|i, _| {
+            let bounded = |limit: f64| limit.clamp(-core::f64::consts::PI, core::f64::consts::PI);
+            let lower = bounded(chain.position_lower()[i]);
+            lower + random.next(i) * (bounded(chain.position_upper()[i]) - lower)
+        });
+        forward_kinematics(chain, &q, &mut kinematics);
+        let centre = |i: usize| point_position(&kinematics, points[i].joint, points[i].centre);
+        let mut touch = vec![false; touching.len()];
+        for i in 0..points.len() {
+            for j in i + 1..points.len() {
+                let apart = centre(i).distance(centre(j)) - points[i].radius - points[j].radius;
+                let at = |k: usize| links.iter().position(|l| *l == points[k].link);
+                if let (true, Some(a), Some(b)) = (apart <= 0.0, at(i), at(j)) {
+                    touch[a * links.len() + b] = true;
+                }
+            }
+        }
+        for (count, touch) in touching.iter_mut().zip(touch) {
+            *count += usize::from(touch);
+        }
+    }
+    touching
 }
 
 /// Numbers between 0 and 1, spread evenly: multiples of the square roots of primes.

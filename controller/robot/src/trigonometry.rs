@@ -14,7 +14,7 @@ const HALF_PI: [f64; 2] = [1.570_796_326_734_125_6, 6.077_100_506_506_192_e-11];
 /// Sines and cosines of angles \[rad\], right to 2e-16.
 ///
 /// Without branches, so that the compiler puts several angles into a register: the reduction and
-/// polynomials of fdlibm's `k_sin.c` and `k_cos.c`. Angles beyond [`ANGLE_MAX`] take the slow way.
+/// polynomials of fdlibm's `k_sin.c` and `k_cos.c`. Angles beyond [`ANGLE_MAX`] take the slow path.
 #[inline(always)]
 pub(crate) fn sin_cos<const N: usize>(angles: &[f64; N]) -> ([f64; N], [f64; N]) {
     let (mut sines, mut cosines) = ([0.0; N], [0.0; N]);
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn large_angles_take_the_slow_way_and_what_is_no_number_stays_that() {
+    fn large_angles_take_the_slow_path_and_what_is_no_number_stays_that() {
         let angles = [1e6, 0.5, f64::NAN];
         let (sines, cosines) = sin_cos(&angles);
         assert_eq!((sines[0], cosines[1]), (1e6_f64.sin(), 0.5_f64.cos()));

@@ -91,58 +91,32 @@ pub(crate) fn describe(robot: &Robot, selection: &Selection) -> Result<ChainDesc
     let tree = Tree::new(robot, selection)?;
     let tool_link = selection.tool_link.as_str();
     let path = tree.path_to(tool_link)?;
-    let root = tree.root;
-
-    let mut joints: Vec<JointDescription> = Vec::new();
-    let mut links = Vec::new();
-    let mut link_placements = Vec::new();
-    let mut collision_shapes = Vec::new();
-    let mut tool = None;
-
     let base = Anchor { joint: None, placement: Placement::IDENTITY };
+    let mut chain = ChainDescription {
+        root_link: tree.root.to_owned(),
+        tool_link: tool_link.to_owned(),
+        joints: Vec::new(),
+        links: Vec::new(),
+        link_placements: Vec::new(),
+        tool: base.placement,
+        collision_shapes: Vec::new(),
+    };
     // Depth first from the root; each link is visited once, as it has one parent.
-    let mut open = vec![(root, base)];
+    let mut open = vec![(tree.root, base)];
     while let Some((name, anchor)) = open.pop() {
-        let link = tree.links[name];
-        let inertia = link_inertia(link)?;
-        let shapes = link_shapes(link)?;
-        if let Some(joint) = anchor.joint {
-            let body = &mut joints[joint].model.inertia;
-            *body = body.plus(&inertia.moved(&anchor.placement));
-            for (placement, geometry) in shapes {
-                let placement = anchor.placement.compose(&placement);
-                let link = links.len();
-                collision_shapes.push(CollisionShape { link, joint, placement, geometry });
-            }
-            links.push((link.name.clone(), joint));
-            link_placements.push(anchor.placement);
-        }
+        add_link(&mut chain, tree.links[name], &anchor)?;
         if name == tool_link {
-            tool = Some(anchor);
+            chain.tool = anchor.placement;
         }
         // In reverse, so that links come in the order of the file.
         for joint in tree.children(name).rev() {
             let origin = placement("joint", &joint.name, &joint.origin)?;
-            let child = Anchor { placement: anchor.placement.compose(&origin), ..anchor };
+            let at_zero = Anchor { placement: anchor.placement.compose(&origin), ..anchor };
             let on_path = path.iter().any(|other| other.name == joint.name);
             let child = match tree.joint_kind(joint) {
-                Ok(None) => child,
-                Ok(Some(kind)) if on_path => {
-                    let rotation = joint_frame(unit_axis(joint)?);
-                    let axis = Placement { rotation, position: DVec3::ZERO };
-                    let back = Placement { rotation: rotation.transpose(), ..axis };
-                    // The path is walked from the root, so joints come in its order.
-                    joints.push(JointDescription {
-                        name: joint.name.clone(),
-                        limits: joint_limits(joint)?,
-                        model: JointModel {
-                            kind,
-                            placement: child.placement.compose(&axis),
-                            inertia: SpatialInertia::ZERO,
-                        },
-                    });
-                    Anchor { joint: Some(joints.len() - 1), placement: back }
-                }
+                Ok(None) => at_zero,
+                // The path is walked from the root, so joints come in its order.
+                Ok(Some(kind)) if on_path => add_joint(&mut chain, joint, kind, &at_zero)?,
                 Err(error) if on_path => return Err(error),
                 _ => {
                     return Err(Kind::MovableBranch {
@@ -155,16 +129,45 @@ pub(crate) fn describe(robot: &Robot, selection: &Selection) -> Result<ChainDesc
             open.push((joint.child.link.as_str(), child));
         }
     }
+    Ok(chain)
+}
 
-    Ok(ChainDescription {
-        root_link: root.to_owned(),
-        tool_link: tool_link.to_owned(),
-        joints,
-        links,
-        link_placements,
-        tool: tool.unwrap_or(base).placement,
-        collision_shapes,
-    })
+/// Adds what is fixed to a link to the joint that moves it.
+fn add_link(chain: &mut ChainDescription, link: &Link, anchor: &Anchor) -> Result<(), Kind> {
+    let inertia = link_inertia(link)?;
+    let shapes = link_shapes(link)?;
+    let Some(joint) = anchor.joint else { return Ok(()) };
+    let body = &mut chain.joints[joint].model.inertia;
+    *body = body.plus(&inertia.moved(&anchor.placement));
+    for (placement, geometry) in shapes {
+        let (link, placement) = (chain.links.len(), anchor.placement.compose(&placement));
+        chain.collision_shapes.push(CollisionShape { link, joint, placement, geometry });
+    }
+    chain.links.push((link.name.clone(), joint));
+    chain.link_placements.push(anchor.placement);
+    Ok(())
+}
+
+/// Adds a joint whose URDF frame is at `at_zero` at q = 0; returns where that frame is in the joint's own.
+fn add_joint(
+    chain: &mut ChainDescription,
+    joint: &Joint,
+    kind: JointKind,
+    at_zero: &Anchor,
+) -> Result<Anchor, Kind> {
+    let rotation = joint_frame(unit_axis(joint)?);
+    let axis = Placement { rotation, position: DVec3::ZERO };
+    chain.joints.push(JointDescription {
+        name: joint.name.clone(),
+        limits: joint_limits(joint)?,
+        model: JointModel {
+            kind,
+            placement: at_zero.placement.compose(&axis),
+            inertia: SpatialInertia::ZERO,
+        },
+    });
+    let back = Placement { rotation: rotation.transpose(), ..axis };
+    Ok(Anchor { joint: Some(chain.joints.len() - 1), placement: back })
 }
 
 /// The links and joints of a file, checked to be a tree.

@@ -275,7 +275,7 @@ impl<S: Real> Quat<S> {
         r.plus(t.times(self.w)).plus(self.v.cross(t))
     }
 
-    /// The rotation vector of the shorter way round, |r| ≤ π. Inverse to [`Quat::exp`].
+    /// The rotation vector of the smaller of both angles, |r| ≤ π. Inverse to [`Quat::exp`].
     #[inline]
     pub fn log(self) -> Vec3<S> {
         let [x, y, z] = self.v.0;
@@ -308,7 +308,7 @@ fn angle_over_sine(c: f64, n2: f64) -> [f64; 3] {
 }
 
 impl Quat<Jet> {
-    /// A frame that turns: orientation, angular velocity and acceleration in the frame in which
+    /// A frame that rotates: orientation, angular velocity and acceleration in the frame in which
     /// the orientation is expressed: q̇ = ½ ω q, q̈ = ½ ω̇ q − ¼ |ω|² q.
     #[must_use]
     #[inline]

@@ -28,8 +28,8 @@
 //! let x_we = x_wb.compose(&x_be);
 //! let back = x_wb.inverse().compose(&x_we);
 //! assert!((back.position - x_be.position).length() < 1e-15);
-//! let turning = Twist { linear: DVec3::ZERO, angular: DVec3::Z };
-//! assert_eq!(turning.shifted(DVec3::X).linear, DVec3::Y);
+//! let rotating = Twist { linear: DVec3::ZERO, angular: DVec3::Z };
+//! assert_eq!(rotating.shifted(DVec3::X).linear, DVec3::Y);
 //! ```
 
 #![allow(clippy::needless_range_loop, reason = "formulas with matrices are written with indices")]

@@ -24,7 +24,8 @@ impl MovingPose {
         Self { pose, velocity: Twist::ZERO, acceleration: SpatialAcceleration::ZERO }
     }
 
-    /// The motion of a point fixed to the frame, `r` from its origin, expressed in the world \[m\].
+    /// The motion of a point fixed to the frame, `r` from its origin, expressed in the world \[m\]:
+    /// p + r,  v + ω × r,  a + α × r + ω × (ω × r).
     #[must_use]
     pub fn fixed_point(&self, r: DVec3) -> Vec3<Jet> {
         let rotating = self.fixed_direction(r);
@@ -35,7 +36,8 @@ impl MovingPose {
         )
     }
 
-    /// The motion of a direction fixed to the frame, expressed in the world.
+    /// The motion of a direction d fixed to the frame, expressed in the world:
+    /// d,  ω × d,  α × d + ω × (ω × d).
     #[must_use]
     pub fn fixed_direction(&self, direction: DVec3) -> Vec3<Jet> {
         let (w, alpha) = (self.velocity.angular, self.acceleration.angular);
@@ -43,7 +45,7 @@ impl MovingPose {
         Vec3::moving(direction, first, alpha.cross(direction) + w.cross(first))
     }
 
-    /// The motion of a frame G fixed to this one, from X_FG.
+    /// The motion of a frame G fixed to this one: X_WG = X_WF X_FG, and V_WG, A_WG at its origin.
     #[must_use]
     pub fn compose(&self, x_fg: &Pose) -> Self {
         let origin = self.fixed_point(self.pose.orientation * x_fg.position);

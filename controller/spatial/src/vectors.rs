@@ -134,8 +134,8 @@ impl Twist {
         Self { linear: self.linear + self.angular.cross(r), angular: self.angular }
     }
 
-    /// The adjoint of a pose: V of the same motion for axes and origin of frame A, where `self` is
-    /// that of a frame fixed to B and seen from B, X = X_AB:  ω_A = R ω,  v_A = R v + p × R ω.
+    /// The adjoint of a pose, Ad(X): the twist of a body in the axes and at the origin of frame A, where
+    /// `self` is that in the axes and at the origin of frame B, and X = X_AB:  ω_A = R ω,  v_A = R v + p × R ω.
     #[inline]
     #[must_use]
     pub fn adjoint(&self, x: &Pose) -> Self {
@@ -170,35 +170,5 @@ impl Wrench {
     #[must_use]
     pub fn shifted(&self, r: DVec3) -> Self {
         Self { force: self.force, torque: self.torque - r.cross(self.force) }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::DQuat;
-
-    const V: Twist =
-        Twist { linear: DVec3::new(0.3, -0.2, 0.9), angular: DVec3::new(-1.0, 0.4, 0.2) };
-
-    #[test]
-    fn power_does_not_depend_on_the_point_at_which_it_is_measured() {
-        let wrench =
-            Wrench { force: DVec3::new(1.0, 2.0, -3.0), torque: DVec3::new(0.3, -0.1, 0.6) };
-        let r = DVec3::new(0.4, -0.7, 0.2);
-        let moved = V.shifted(r).power(&wrench.shifted(r));
-        assert!((moved - V.power(&wrench)).abs() < 1e-14);
-    }
-
-    #[test]
-    fn adjoints_compose_like_their_poses() {
-        let a =
-            Pose { position: DVec3::new(0.1, 0.2, -0.5), orientation: DQuat::from_rotation_x(0.7) };
-        let b = Pose { position: DVec3::X, orientation: DQuat::from_rotation_z(-1.2) };
-        let twice = V.adjoint(&b).adjoint(&a) - V.adjoint(&a.compose(&b));
-        assert!(twice.linear.length() < 1e-14 && twice.angular.length() < 1e-14);
-        let column = Vector6::from(V);
-        assert_eq!(Twist::from(column), V);
-        assert_eq!(column[3], V.angular.x);
     }
 }

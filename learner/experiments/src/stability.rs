@@ -186,10 +186,7 @@ fn time_one(follower: &mut dyn Follower, course: &Course, count: usize) -> Vec<f
         let time_s = DURATION_S * i as f64 / count as f64;
         frames[1] = moving.goal_motion.at(&course.frames[1], time_s);
         let fraction = i as f64 / count as f64;
-        let pose = Pose {
-            position: course.start.position.lerp(goal.position, fraction),
-            orientation: course.start.orientation.slerp(goal.orientation, fraction),
-        };
+        let pose = course.start.interpolate(&goal, fraction);
         let linear = (goal.position - course.start.position) * 0.1;
         let velocity = Twist { linear, ..Twist::ZERO };
         let moment = Moment { time_s, frames: &frames, pose, velocity };

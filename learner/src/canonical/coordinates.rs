@@ -381,7 +381,7 @@ fn frame_map(
             &phases,
             scales,
         );
-        (map.adapting(learned.adaptation), learned.error)
+        (map.with_adaptation(learned.adaptation), learned.error)
     };
     let best = |turn: bool| -> Result<(FrameMap, f64), FrameMapError> {
         let whole = FrameMap::new(anchors, mean.goal, turn)?;

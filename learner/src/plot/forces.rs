@@ -46,11 +46,7 @@ struct Term {
 impl Forces {
     /// The components with these frames. `None` when the policy is not a product in the plane, whose
     /// components differ by place and not by phase, or there is no product of the Gaussians.
-    pub(super) fn new(
-        model: &SkillModel,
-        policy: &SkillPolicy,
-        frames: &[Pose],
-    ) -> Option<Self> {
+    pub(super) fn new(model: &SkillModel, policy: &SkillPolicy, frames: &[Pose]) -> Option<Self> {
         let (Policy::Thesis(thesis), SkillPolicy::Plane(product)) = (&model.policy, policy) else {
             return None;
         };

@@ -85,7 +85,7 @@ impl SkillModel {
         anchors.push(anchor(&self.goal_frame, frame, goal.position_m, phase));
         let map = FrameMap::new(&anchors, (*goal).into(), canonical.rotate_positions)?;
         let adaptation = canonical.adaptation.as_ref();
-        Ok(map.adapting(adaptation.and_then(super::Adaptation::evaluated)))
+        Ok(map.with_adaptation(adaptation.and_then(super::Adaptation::evaluated)))
     }
 
     fn canonical_skill(

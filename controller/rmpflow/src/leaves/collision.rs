@@ -28,7 +28,7 @@ pub struct Clearance {
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CollisionAvoidance {
-    /// d₀: farther away the leaf is silent \[m\].
+    /// d₀: farther away the leaf is inactive \[m\].
     pub activation_distance_m: f64,
     /// Clearance below which the leaf no longer grows \[m\].
     pub clearance_min_m: f64,
@@ -64,9 +64,9 @@ impl CollisionAvoidance {
         Some(Natural { force: Vector1::new(force), metric: SMatrix::<f64, 1, 1>::new(metric) })
     }
 
-    /// The leaf silent from a shorter clearance d₁ on. Its metric is as firm as before near a contact,
+    /// The leaf, inactive from a shorter clearance d₁ on. Its metric is as firm as before near a contact,
     /// w = m d₀² (1/d − 1/d₁)²; its potential is that of a leaf of this range, ½ a m (d₁/d − 1)², which
-    /// from a shorter distance throws back no harder.
+    /// from a shorter distance pushes back no harder.
     #[must_use]
     pub fn within(&self, distance_m: f64) -> Self {
         if distance_m >= self.activation_distance_m {
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn collision_is_silent_out_of_range_and_finite_in_contact() {
+    fn collision_is_inactive_out_of_range_and_finite_in_contact() {
         assert!(LEAF.evaluate(0.15, -1.0).is_none());
         assert!(LEAF.evaluate(f64::NAN, -1.0).is_none());
         for distance in [0.0, -0.05] {

@@ -14,7 +14,7 @@ use crate::leaves::collision::{Clearance, CollisionAvoidance};
 /// ```
 ///
 /// φ is a clearance like any other, so that [`CollisionAvoidance`] with d₀ as its activation
-/// distance keeps it positive; at the goal, and above it on the axis, that leaf is silent.
+/// distance keeps it positive; at the goal, and above it on the axis, that leaf is inactive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ApproachFunnel {
     /// a, in the goal frame, unit.

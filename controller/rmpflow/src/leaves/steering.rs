@@ -43,7 +43,7 @@ pub const STEERED_CAPACITY: usize = 32;
 const LATCH_FRACTION: f64 = 0.02;
 /// Sine of the angle to the normal below which a velocity prefers no side.
 const HEAD_ON: f64 = 0.15;
-/// Sine of that angle at which a velocity the other way leads back.
+/// Sine of that angle at which a velocity to the other side leads back.
 const BACK: f64 = 0.3;
 /// The energy of the task is well below that at the choice of the side from this fraction of it on; from
 /// twice this fraction on it begins to be.
@@ -86,8 +86,8 @@ pub struct Steering {
     pub side: Side,
 }
 
-/// What the steering needs between ticks: the sides chosen at the obstacles nearby, and how the
-/// body has fared since the last choice.
+/// What the steering keeps between ticks: the sides chosen at the obstacles nearby, and the progress
+/// since the last choice.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct AvoidanceState {
     /// a for each obstacle.

@@ -1,4 +1,4 @@
-//! A governor: keeps what a learned policy asks for within a speed.
+//! A governor: keeps the velocity that a learned policy tends to within a speed.
 
 use nalgebra::{Matrix3, Vector3, Vector6};
 use tprmp_spatial::Twist;
@@ -7,9 +7,8 @@ use crate::natural::{Factor, Natural};
 
 /// Scales the acceleration of a policy on a pose where the velocity it tends to is too fast.
 ///
-/// A policy of damping d that asks for the acceleration a tends to the velocity u = ẋ + a/d. Led far
-/// from its demonstrations, a learned field may ask for any: where its inertia falls, what moves
-/// speeds up by it. Of the linear and the angular part each tends to s u, with the largest s ≤ 1 for
+/// A policy of damping d with the acceleration a tends to the velocity u = ẋ + a/d. Far from its
+/// demonstrations that may be any: where the inertia of a field falls, what moves speeds up. Of the linear and the angular part each tends to s u, with the largest s ≤ 1 for
 /// which neither the velocity nor its change is too fast,
 ///
 /// ```text
@@ -17,17 +16,17 @@ use crate::natural::{Factor, Natural};
 /// a′ = d (s u − ẋ),  so  f′ = s f − (1 − s) d M ẋ        |a′| ≤ d max(v, |ẋ|)
 /// ```
 ///
-/// So what moves fast the wrong way brakes before it comes back. Where one part is too fast, the other
-/// is slowed with it, so that the way stays the same.
+/// So what moves fast in the wrong direction brakes before it comes back. Where one part is too fast, the
+/// other is slowed with it, so that the path stays the same.
 ///
 /// Where it acts, V falls at the rate d ẋᵀM(ẋ + (1−s) u) in place of d ẋᵀMẋ: faster where the policy
 /// speeds up, slower where it brakes; there V may rise, and what is bounded is |a′|. Where it does not
 /// act, nothing changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpeedGovernor {
-    /// v: largest speed that is asked for \[m/s\].
+    /// v: largest linear speed \[m/s\].
     pub linear_max_m_s: f64,
-    /// The same for turning \[rad/s\].
+    /// Largest angular speed \[rad/s\].
     pub angular_max_rad_s: f64,
     /// d: damping of the policy \[1/s\].
     pub response_1_s: f64,
@@ -47,12 +46,12 @@ impl SpeedGovernor {
     #[must_use]
     pub fn govern(&self, policy: &Natural<6>, velocity: &Twist) -> Natural<6> {
         let velocity = &Vector6::from(*velocity);
-        // Shares of u within the speed, and within the change of velocity.
-        let shares = |most: f64, first: usize| {
+        // Fractions of u within the speed, and within the change of velocity.
+        let fractions = |most: f64, first: usize| {
             let block = policy.metric.fixed_view::<3, 3>(first, first);
             let trace = block[(0, 0)] + block[(1, 1)] + block[(2, 2)];
             if trace == 0.0 {
-                // Without inertia it asks for nothing.
+                // Without inertia there is no policy.
                 return [1.0; 2];
             }
             let damping = METRIC_DAMPING * trace + 1e-12;
@@ -61,10 +60,11 @@ impl SpeedGovernor {
             let Some(factor) = Factor::new(&damped) else { return [1.0; 2] };
             let part = |v: &Vector6<f64>| Vector3::new(v[first], v[first + 1], v[first + 2]);
             let now = part(velocity);
-            let wanted = now + factor.solve(&part(&policy.force)) / self.response_1_s;
-            [speed_fraction(&wanted, most), change_fraction(&wanted, &now, most)]
+            let desired = now + factor.solve(&part(&policy.force)) / self.response_1_s;
+            [speed_fraction(&desired, most), change_fraction(&desired, &now, most)]
         };
-        let [linear, angular] = [shares(self.linear_max_m_s, 0), shares(self.angular_max_rad_s, 3)];
+        let linear = fractions(self.linear_max_m_s, 0);
+        let angular = fractions(self.angular_max_rad_s, 3);
         // Both are slowed alike, and each brakes for itself.
         let both = linear[0].min(angular[0]);
         let [linear, angular] = [both.min(linear[1]), both.min(angular[1])];
@@ -81,19 +81,19 @@ impl SpeedGovernor {
 }
 
 /// The largest s ≤ 1 with |s u| ≤ v.
-fn speed_fraction(wanted: &Vector3<f64>, most: f64) -> f64 {
-    let squared = wanted.norm_squared();
+fn speed_fraction(desired: &Vector3<f64>, most: f64) -> f64 {
+    let squared = desired.norm_squared();
     if squared > most * most { most / squared.sqrt() } else { 1.0 }
 }
 
 /// The largest s ≤ 1 with |s u − ẋ| ≤ max(v, |ẋ|). There is one: s = 0 will do.
-fn change_fraction(wanted: &Vector3<f64>, now: &Vector3<f64>, most: f64) -> f64 {
+fn change_fraction(desired: &Vector3<f64>, now: &Vector3<f64>, most: f64) -> f64 {
     let change = most.max(now.norm());
-    if (wanted - now).norm_squared() <= change * change {
+    if (desired - now).norm_squared() <= change * change {
         return 1.0;
     }
     // s²|u|² − 2 s u·ẋ + |ẋ|² = max(v, |ẋ|)²
-    let (squared, along) = (wanted.norm_squared(), wanted.dot(now));
+    let (squared, along) = (desired.norm_squared(), desired.dot(now));
     let room = squared * (change * change - now.norm_squared()).max(0.0);
     ((along + (along * along + room).sqrt()) / squared).clamp(0.0, 1.0)
 }
@@ -125,15 +125,15 @@ mod tests {
         // u = 0.5 + 100/8 = 13 m/s.
         let fast = GOVERNOR.govern(&policy(100.0, 0.0), &velocity).resolve().unwrap();
         assert!((velocity.linear.x + fast[0] / 8.0 - 2.0).abs() < 1e-6, "{fast}");
-        // The turning is slowed with it, so that the way stays the same.
+        // The rotation is slowed with it, so that the path stays the same.
         assert!((velocity.angular.y + fast[4] / 8.0 - 2.0 / 13.0).abs() < 1e-6, "{fast}");
-        let turning = GOVERNOR.govern(&policy(0.0, 100.0), &velocity).resolve().unwrap();
-        assert!((velocity.angular.y + turning[4] / 8.0 - 4.0).abs() < 1e-6, "{turning}");
+        let rotating = GOVERNOR.govern(&policy(0.0, 100.0), &velocity).resolve().unwrap();
+        assert!((velocity.angular.y + rotating[4] / 8.0 - 4.0).abs() < 1e-6, "{rotating}");
     }
 
     #[test]
-    fn what_moves_the_wrong_way_brakes_before_it_comes_back() {
-        // u = 13 m/s the other way: the change asked for stays within 2 m/s, or |ẋ| where that is more.
+    fn what_moves_in_the_wrong_direction_brakes_before_it_comes_back() {
+        // u = 13 m/s in the other direction: the change stays within 2 m/s, or |ẋ| where that is more.
         for (speed, change) in [(-0.5, 2.0), (-1.5, 2.0), (-2.0, 2.0), (-3.0, 3.0)] {
             let velocity = along(speed);
             let asked = 8.0 * (13.0 - speed);
@@ -150,8 +150,8 @@ mod tests {
     }
 
     #[test]
-    fn braking_in_one_part_leaves_the_other_to_its_way() {
-        // Pushed faster than 2 m/s, the policy wants to stop, or to come back: it turns on all the same.
+    fn braking_in_one_part_leaves_the_other_alone() {
+        // Pushed faster than 2 m/s, the policy stops or comes back: it goes on rotating all the same.
         let velocity = along(3.0);
         for wanted in [0.1, -0.1, -1.0] {
             let asked = policy(8.0 * (wanted - 3.0), 8.0 * 2.0);
@@ -163,7 +163,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_share_is_the_largest_that_keeps_the_change(
+        fn the_fraction_is_the_largest_that_keeps_the_change(
             u in prop::array::uniform3(-9.0..9.0f64),
             x in prop::array::uniform3(-4.0..4.0f64),
         ) {

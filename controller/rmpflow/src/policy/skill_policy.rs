@@ -20,8 +20,8 @@ pub enum SkillPolicy {
     Pose(ProductSkill<6>),
 }
 
-/// A tool is held back when more than this fraction of the velocity it wants leads into an obstacle; its
-/// phase then has at least …
+/// A tool is held back when more than this fraction of its desired velocity is obstructed; its phase then
+/// has at least …
 const OBSTRUCTED_MIN: f64 = 0.1;
 /// … this fraction of its own pull.
 const HELD_FRACTION: f64 = 0.3;
@@ -29,7 +29,7 @@ const HELD_FRACTION: f64 = 0.3;
 /// What a policy needs between calls. It serves a policy of any kind, and belongs to one policy.
 #[derive(Debug, Clone, Default)]
 pub struct PolicyState {
-    /// Where a canonical skill is on its way; found anew when there is none.
+    /// How far a canonical skill has progressed; found anew when there is none.
     phase: Option<Phase>,
     /// Whether an obstacle holds the tool back.
     held: bool,
@@ -39,8 +39,8 @@ pub struct PolicyState {
 }
 
 impl PolicyState {
-    /// Forgets where the skill is on its way: the next [`SkillPolicy::evaluate`] finds the phase that suits the
-    /// pose. After the tool was moved by something else.
+    /// Forgets how far the skill has progressed: the next [`SkillPolicy::evaluate`] finds the phase nearest to
+    /// the pose. For after the tool was moved by something else.
     pub fn restart(&mut self) {
         self.phase = None;
         self.held = false;
@@ -51,15 +51,15 @@ impl PolicyState {
         self.phase = Some(phase);
     }
 
-    /// Where a canonical skill is on its way, once it was evaluated.
+    /// How far a canonical skill has progressed, once it was evaluated.
     #[must_use]
     pub fn phase(&self) -> Option<Phase> {
         self.phase
     }
 
-    /// Tells how much of the velocity that the tool wants leads into an obstacle, 0 to 1
-    /// ([`Proximity::obstructed_fraction`](crate::leaves::Proximity::obstructed_fraction)). A skill that is held back goes on
-    /// along its way nonetheless, slower, so that the tool leaves the obstacle sooner or later.
+    /// Sets which fraction of the tool's desired velocity is obstructed, 0 to 1
+    /// ([`Proximity::obstructed_fraction`](crate::leaves::Proximity::obstructed_fraction)). A phase that is held back goes on
+    /// nonetheless, slower, so that the tool leaves the obstacle sooner or later.
     pub fn set_obstructed(&mut self, fraction: f64) {
         self.held = fraction > OBSTRUCTED_MIN;
     }
@@ -89,7 +89,7 @@ impl SkillPolicy {
         }
     }
 
-    /// Whether it leads the orientation too.
+    /// Whether it moves the orientation too.
     #[must_use]
     pub fn has_orientation(&self) -> bool {
         match self {

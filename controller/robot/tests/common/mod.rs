@@ -30,7 +30,7 @@ pub(crate) fn point2d() -> Chain<2> {
 }
 
 /// A chain that has what the robots of the repository lack: skew axes, a prismatic and a continuous
-/// joint between revolute ones, full inertia tensors, turned inertia frames, side branches.
+/// joint between revolute ones, full inertia tensors, rotated inertia frames, side branches.
 pub(crate) fn skew() -> Chain<4> {
     Chain::from_urdf(data_file("skew.urdf"), "hand").unwrap()
 }

@@ -1,19 +1,20 @@
-//! Adaptation of the way to where the goal is: what demonstrations show beyond what the frames carry.
+//! Adaptation of the path to its goal: what demonstrations show beyond the transforms of the frames.
 //!
-//! Frames carry the space rigidly at each phase (see [`crate::policy::canonical::frame_map`]). How a way changes with its
-//! goal is more than that: a longer way swings out wider, or rises before it goes across. Shown several
-//! times it is learned, as a linear regression on the *shift* of the goal frame against the start frame,
+//! Frames transport the space rigidly at each phase (see [`crate::policy::canonical::frame_map`]). How a
+//! path changes with its goal is more than that: a longer one swings out wider, or rises before it goes
+//! across. From several demonstrations it is learned, as a linear regression on the *shift* of the goal
+//! frame against the start frame,
 //!
 //! ```text
 //! y = y° − E(s) u          E(s) = Σ_j b_j(s) E_j          j = 1 … 9
 //! u = (u_p, u_r)           u_i = v_i/(1 + (|v_i|/ρ)⁸)^⅛,  v_i = δ_i/ℓ_i,  ρ = 5/4
 //! ```
 //!
-//! with y° what the frames alone give, b_j cubic B-splines over the phase that vanish at 0 and 1 with
-//! their first two derivatives, δ_p and δ_r displacement and turn of the goal against the start, 0 in
-//! canonical coordinates, and ℓ_i the largest that was shown. So start and goal stay where the frames
-//! put them, and the way bends by a quarter more than was shown at most, wherever the goal is: beyond what
-//! was shown it is carried, and no more is made up.
+//! with y° the coordinates for the frames alone, b_j cubic B-splines over the phase that vanish at 0 and 1
+//! with their first two derivatives, δ_p and δ_r translation and rotation of the goal against the start, 0
+//! in canonical coordinates, and ℓ_i the largest that was demonstrated. So start and goal stay where the
+//! frames put them, and the path is deformed by a quarter more than was demonstrated at most, wherever the
+//! goal is: beyond that it is transported rigidly.
 //!
 //! For a given phase it is a shift of y that does not depend on the place: nothing folds.
 
@@ -34,10 +35,10 @@ const REACH: f64 = 1.25;
 /// E_j: row by row, position before rotation, \[m or rad per unit of u\].
 pub type Bend = [[f64; COORDINATES]; COORDINATES];
 
-/// How the way of a skill adapts to the shift of its goal. Immutable.
+/// How the path of a skill adapts to the shift of its goal. Immutable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Adaptation {
-    /// ℓ_p \[m\] and ℓ_r \[rad\]; 0 where no shift was shown: there it has no effect.
+    /// ℓ_p \[m\] and ℓ_r \[rad\]; 0 where no shift was demonstrated: there it has no effect.
     pub reach: [f64; 2],
     /// E_j.
     pub bends: [Bend; SPLINES],
@@ -80,8 +81,8 @@ impl Adaptation {
             let fraction = q * scale;
             let (cubed, inside) = (fraction.powi(3), 1.0 / (1.0 + fraction.powi(4)));
             let h = inside.sqrt().sqrt().sqrt();
-            let slope = -0.5 * scale * cubed * h * inside;
-            let bend = -0.5
+            let first = -0.5 * scale * cubed * h * inside;
+            let second = -0.5
                 * scale
                 * scale
                 * fraction
@@ -89,16 +90,16 @@ impl Adaptation {
                 * h
                 * inside
                 * (3.0 - 4.5 * cubed * fraction * inside);
-            v.times(squared.chain([h, slope, bend]))
+            v.times(squared.chain([h, first, second]))
         })
     }
 
     /// Three rows of E(s) u, of position (`first` = 0) or rotation (3), at a moving phase; and of E′ u.
     #[inline]
-    pub(crate) fn bend<S: Real>(
+    pub(crate) fn shift<S: Real>(
         &self,
         first: usize,
-        shift: &[Vec3<S>; 2],
+        u: &[Vec3<S>; 2],
         phase: S,
     ) -> (Vec3<S>, DVec3) {
         let (low, weights) = splines(phase.value());
@@ -115,15 +116,15 @@ impl Adaptation {
                 }
             }
         }
-        let mut bent = [S::constant(0.0); 3];
+        let mut shift = [S::constant(0.0); 3];
         let mut rate = DVec3::ZERO;
         for (i, row) in rows.iter().enumerate() {
-            for (entry, u) in row.iter().zip(shift.iter().flat_map(|v| v.0)) {
-                bent[i] = bent[i] + phase.chain(*entry) * u;
+            for (entry, u) in row.iter().zip(u.iter().flat_map(|v| v.0)) {
+                shift[i] = shift[i] + phase.chain(*entry) * u;
                 rate[i] += entry[1] * u.value();
             }
         }
-        (Vec3(bent), rate)
+        (Vec3(shift), rate)
     }
 }
 
@@ -152,9 +153,9 @@ mod tests {
             let phase = 0.0105 * f64::from(i);
             let (before, now, after) = (at(phase - h), at(phase), at(phase + h));
             for j in 0..SPLINES {
-                let (slope, bend) = (now[j][1], now[j][2]);
-                assert!((slope - (after[j][0] - before[j][0]) / (2.0 * h)).abs() < 1e-6);
-                assert!((bend - (after[j][1] - before[j][1]) / (2.0 * h)).abs() < 1e-3);
+                let [_, first, second] = now[j];
+                assert!((first - (after[j][0] - before[j][0]) / (2.0 * h)).abs() < 1e-6);
+                assert!((second - (after[j][1] - before[j][1]) / (2.0 * h)).abs() < 1e-3);
             }
             // In between they add up to one.
             let sum: f64 = now.iter().map(|value| value[0]).sum();
@@ -163,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shift_counts_for_a_quarter_more_than_was_shown_at_most() {
+    fn a_shift_counts_for_a_quarter_more_than_was_demonstrated_at_most() {
         let u = |metres: f64| {
             let shift = [Vec3([metres, 0.0, 0.0]), Vec3([0.0, 1.0, 0.0])];
             Adaptation::bounded([0.2, 0.0], shift)
@@ -171,7 +172,7 @@ mod tests {
         assert!((u(1e-4)[0].0[0] - 5e-4).abs() < 1e-9);
         assert!(u(1e9)[0].0[0] <= REACH + 1e-12 && u(1e3)[0].0[0] > 1.249);
         assert!((u(0.2)[0].0[0] - 1.0).abs() < 0.02);
-        // No turn was shown.
+        // No rotation was demonstrated.
         assert_eq!(u(0.1)[1], Vec3([0.0; 3]));
         // Its derivatives in time.
         let at = |t: f64| Vec3([0.3 * t.sin(), 0.2 * t * t, 0.1]);
