@@ -412,54 +412,48 @@ fn verdicts(rows: &[Found], scheduler: Scheduler) -> Vec<(String, Verdict)> {
     let judged: Vec<_> = of_it.iter().filter(|r| r.case.rate_hz == JUDGED_HZ).collect();
     let references: Vec<_> = judged.iter().filter_map(|r| r.cyclictest.as_ref()).collect();
     if !references.is_empty() {
-        let sum = |all: &mut dyn Iterator<Item = Misses>| {
-            all.fold(Misses::default(), |mut sum, misses| {
-                sum.add(misses);
-                sum
-            })
-        };
-        let ours = sum(&mut judged.iter().map(|r| r.misses));
-        let theirs = sum(&mut references.iter().map(|r| r.misses));
+        let ours = judged.iter().map(|r| r.misses).sum();
+        let theirs = references.iter().map(|r| r.misses).sum();
         let verdict = compare_misses(ours, theirs, MISS_FACTOR);
         verdicts.push((format!("misses at {JUDGED_HZ} Hz, {name}"), verdict));
     }
     verdicts
 }
 
-fn print_head() {
-    println!(
-        "{:<46} {:>7} {:>6} {:>6} {:>7} | {:>8} {:>8} {:>8} | {:>8} {:>8} {:>8} {:>8}",
-        "", "", "", "cyclic", "steal", "wake-up", "", "", "worst of", "", "", ""
-    );
-    println!(
-        "{:<46} {:>7} {:>6} {:>6} {:>7} | {:>8} {:>8} {:>8} | {:>8} {:>8} {:>8} {:>8}",
-        "deadlines",
-        "cycles",
-        "misses",
-        "test",
-        "ms",
-        "p50 µs",
-        "p99",
-        "p99.9",
-        "wake-up",
-        "state",
-        "evaluate",
-        "publish"
-    );
+const HEAD: [&str; 12] = [
+    "deadlines [µs]",
+    "cycles",
+    "misses",
+    "cyclic",
+    "steal ms",
+    "p50",
+    "p99",
+    "p99.9",
+    "wake-up",
+    "state",
+    "evaluate",
+    "publish",
+];
+
+/// A line of the table: quantiles are of the wake-up, the last four are the worst of each phase.
+fn print_cells(cells: [impl std::fmt::Display; 12]) {
+    let [name, cells @ ..] = cells;
+    let cells = cells.map(|cell| format!("{cell:>8}"));
+    let (counts, times) = cells.split_at(4);
+    let (quantiles, worst) = times.split_at(3);
+    let groups = [counts, quantiles, worst].map(<[String]>::concat);
+    println!("{name:<46}{}", groups.join(" |"));
 }
 
 fn print_row(found: &Found) {
     let theirs = found.cyclictest.as_ref().map_or("-".into(), |c| c.misses.late.to_string());
     let [p50, p99, p999] = [0.5, 0.99, 0.999].map(|fraction| found.phases[0].quantile(fraction));
     let [wake_up, state_age, _, evaluation, publishing] = found.max_us;
-    println!(
-        "{:<46} {:>7} {:>6} {theirs:>6} {:>7} | {p50:>8.1} {p99:>8.1} {p999:>8.1} | {wake_up:>8.0} \
-         {state_age:>8.0} {evaluation:>8.1} {publishing:>8.1}",
-        found.case.name(),
-        found.misses.cycles,
-        found.misses.late,
-        found.steal_ms,
-    );
+    let counts = [found.misses.cycles, found.misses.late, found.steal_ms].map(|n| n.to_string());
+    let [cycles, late, steal_ms] = counts;
+    let times = [p50, p99, p999, wake_up, state_age, evaluation, publishing];
+    let [p50, p99, p999, a, b, c, d] = times.map(|us| format!("{us:.1}"));
+    print_cells([found.case.name(), cycles, late, theirs, steal_ms, p50, p99, p999, a, b, c, d]);
 }
 
 fn main() -> Fallible<()> {
@@ -511,7 +505,7 @@ fn main() -> Fallible<()> {
         cores.controller
     );
     let machine = machine::description();
-    print_head();
+    print_cells(HEAD);
     let mut found: Vec<Found> = Vec::new();
     for load in &arguments.loads {
         let _neighbours = load.start(cores)?;

@@ -36,7 +36,6 @@ pub struct Lateness {
 }
 
 /// Why it cannot be run here; `None` when it can.
-#[must_use]
 pub fn refused(cpu: usize) -> Option<String> {
     let settings = Settings { cpu, period_us: 1000, cycles: 1, fifo_priority: None };
     // It asks for real-time rights before it looks at its options.

@@ -51,7 +51,6 @@ pub fn cores() -> Fallible<Cores> {
 
 /// Keeps the calling thread on a core, with memory locked and a real-time priority if one is given.
 /// What is refused is in the result, which has to live as long as the thread measures.
-#[must_use]
 pub fn enter(cpu: usize, fifo_priority: Option<u8>) -> Granted {
     realtime::set_up(&RealTime {
         fifo_priority,
@@ -63,7 +62,6 @@ pub fn enter(cpu: usize, fifo_priority: Option<u8>) -> Granted {
 }
 
 /// Why this process gets no real-time priority; `None` when it does.
-#[must_use]
 pub fn fifo_refused() -> Option<String> {
     let attempt = || {
         let granted = realtime::set_up(&RealTime {
@@ -80,7 +78,6 @@ pub fn fifo_refused() -> Option<String> {
 }
 
 /// The machine as a row: what figures are worth depends on it.
-#[must_use]
 pub fn description() -> Value {
     let read = |path: &str| fs::read_to_string(path).unwrap_or_default();
     let cpu_info = read("/proc/cpuinfo");
@@ -100,7 +97,6 @@ pub fn description() -> Value {
 }
 
 /// Processes that wanted to run, averaged over the last minute.
-#[must_use]
 pub fn load_average() -> Option<f64> {
     fs::read_to_string("/proc/loadavg").ok()?.split(' ').next()?.parse().ok()
 }
@@ -118,7 +114,6 @@ pub struct StealLog(Vec<(u64, u64)>);
 
 impl StealWatch {
     /// Watches a core from now on.
-    #[must_use]
     pub fn start(cpu: usize) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
         let asked = Arc::clone(&stop);
@@ -135,7 +130,6 @@ impl StealWatch {
     }
 
     /// Ends the watch. Waits for what happened last to be accounted.
-    #[must_use]
     pub fn stop(self) -> StealLog {
         thread::sleep(Duration::from_nanos(ACCOUNTED_WITHIN_NS));
         self.stop.store(true, Ordering::Relaxed);
@@ -152,7 +146,6 @@ impl StealLog {
     }
 
     /// Time stolen from the core during the watch \[ms\].
-    #[must_use]
     pub fn total_ms(&self) -> u64 {
         match (self.0.first(), self.0.last()) {
             (Some(first), Some(last)) => last.1 - first.1,
@@ -161,7 +154,6 @@ impl StealLog {
     }
 
     /// Whether time was stolen about then, on `CLOCK_MONOTONIC`.
-    #[must_use]
     pub fn near(&self, time_ns: u64) -> bool {
         let before = self.0.iter().rfind(|(t, _)| t + ACCOUNTED_WITHIN_NS < time_ns);
         let after = self.0.iter().find(|(t, _)| *t > time_ns + ACCOUNTED_WITHIN_NS);

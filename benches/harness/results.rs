@@ -24,7 +24,6 @@ pub struct Verdict {
 
 impl Verdict {
     /// A quantity that must not exceed a limit.
-    #[must_use]
     pub fn at_most(found: f64, limit: f64, unit: &str) -> Self {
         Self {
             must: format!("≤ {limit} {unit}"),
@@ -34,7 +33,6 @@ impl Verdict {
     }
 
     /// The verdict in a word.
-    #[must_use]
     pub fn word(&self) -> &'static str {
         match self.holds {
             Some(true) => "holds",
@@ -45,7 +43,6 @@ impl Verdict {
 }
 
 /// The folder of what benchmarks write.
-#[must_use]
 pub fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("target/bench")
 }

@@ -32,7 +32,6 @@ impl Skill {
     pub const ALL: [Self; 2] = [Self::Planar, Self::Pick];
 
     /// Its name, also of its skill file.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Planar => "planar",
@@ -41,7 +40,6 @@ impl Skill {
     }
 
     /// Its controller's configuration, inside the repository.
-    #[must_use]
     pub fn controller(self) -> &'static str {
         match self {
             Self::Planar => "config/controllers/planar.ron",
@@ -125,7 +123,6 @@ pub struct Robot {
 
 impl Robot {
     /// At the skill's start.
-    #[must_use]
     pub fn new(skill: Skill) -> Self {
         Self { skill, state: skill.start(), started_ns: monotonic_ns() }
     }

@@ -18,7 +18,6 @@ pub struct Buckets(Vec<(f64, u64)>);
 
 impl Buckets {
     /// From pairs of upper bound \[µs\] and count, in any order.
-    #[must_use]
     pub fn new(mut pairs: Vec<(f64, u64)>) -> Self {
         pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut merged: Vec<(f64, u64)> = Vec::new();
@@ -33,14 +32,12 @@ impl Buckets {
     }
 
     /// From the array of `[upper bound, count]` in a summary; `None` when it is not one.
-    #[must_use]
     pub fn from_json(array: &Value) -> Option<Self> {
         let pair = |p: &Value| Some((p.get(0)?.as_f64()?, p.get(1)?.as_u64()?));
         array.as_array()?.iter().map(pair).collect::<Option<Vec<_>>>().map(Self::new)
     }
 
     /// From a histogram of nanoseconds, eight buckets an octave.
-    #[must_use]
     pub fn from_histogram(histogram: &Histogram<u64>) -> Self {
         let bucket = |ns: u64| ((ns.max(10) as f64 * 1e-3).log2() * 8.0).ceil() / 8.0;
         Self::new(
@@ -59,13 +56,11 @@ impl Buckets {
     }
 
     /// Upper bounds and counts.
-    #[must_use]
     pub fn pairs(&self) -> &[(f64, u64)] {
         &self.0
     }
 
     /// For a picture, bars of one width, four an octave: lower and upper bound \[µs\], and count.
-    #[must_use]
     pub fn bars(&self) -> Vec<(f64, f64, u64)> {
         let mut bars: Vec<(i32, u64)> = Vec::new();
         for (upper, count) in &self.0 {
@@ -80,19 +75,16 @@ impl Buckets {
     }
 
     /// Number of times counted.
-    #[must_use]
     pub fn total(&self) -> u64 {
         self.0.iter().map(|(_, count)| count).sum()
     }
 
     /// Number of times in buckets that end above a limit \[µs\].
-    #[must_use]
     pub fn above(&self, limit_us: f64) -> u64 {
         self.0.iter().filter(|(upper, _)| *upper > limit_us).map(|(_, count)| count).sum()
     }
 
     /// The time below which a fraction of them lies, interpolated inside its bucket \[µs\].
-    #[must_use]
     pub fn quantile(&self, fraction: f64) -> f64 {
         let wanted = fraction * self.total() as f64;
         let (mut below, mut before) = (0.0, 0.0_f64);
@@ -109,7 +101,6 @@ impl Buckets {
     }
 
     /// `p50`, `p99` and `p999` with a prefix and the unit, for a row.
-    #[must_use]
     pub fn percentiles(&self, prefix: &str) -> Map<String, Value> {
         [("p50", 0.5), ("p99", 0.99), ("p999", 0.999)]
             .into_iter()
@@ -120,14 +111,12 @@ impl Buckets {
     }
 
     /// For a row.
-    #[must_use]
     pub fn to_json(&self) -> Value {
         self.0.iter().map(|(upper, count)| json!([rounded(*upper), count])).collect()
     }
 }
 
 /// The value below which a fraction of some values lies: one of them; not a number where there are none.
-#[must_use]
 pub fn quantile(values: &[f64], fraction: f64) -> f64 {
     let mut values = values.to_vec();
     values.sort_by(f64::total_cmp);
@@ -136,7 +125,6 @@ pub fn quantile(values: &[f64], fraction: f64) -> f64 {
 }
 
 /// A time to the nanosecond, `null` where there is none.
-#[must_use]
 pub fn rounded(us: f64) -> Value {
     if us.is_finite() { json!((us * 1e3).round() / 1e3) } else { Value::Null }
 }
@@ -148,6 +136,13 @@ pub struct Misses {
     pub late: u64,
     /// All of them.
     pub cycles: u64,
+}
+
+impl std::iter::Sum for Misses {
+    fn sum<I: Iterator<Item = Self>>(all: I) -> Self {
+        let add = |a: Self, b: Self| Self { late: a.late + b.late, cycles: a.cycles + b.cycles };
+        all.fold(Self::default(), add)
+    }
 }
 
 impl Misses {
@@ -166,7 +161,6 @@ impl Misses {
 ///
 /// More than that is a breach only where chance would hardly make it: conditional on their sum, the
 /// counts of two Poisson processes are binomial.
-#[must_use]
 pub fn compare_misses(ours: Misses, reference: Misses, factor: f64) -> Verdict {
     let must = format!("at most {factor} × the late wake-ups of cyclictest");
     let found = format!(

@@ -58,7 +58,6 @@ pub struct Line {
 
 impl Line {
     /// Least squares. There must be two different abscissas.
-    #[must_use]
     pub fn through(points: &[(f64, f64)]) -> Self {
         let count = points.len() as f64;
         let mean = |f: fn(&(f64, f64)) -> f64| points.iter().map(f).sum::<f64>() / count;

@@ -28,7 +28,6 @@ pub struct Canvas {
 impl Canvas {
     /// For a planar or a spatial skill, around points, with a margin that is a fraction of the longest
     /// side.
-    #[must_use]
     pub fn new(planar: bool, points: impl IntoIterator<Item = DVec3>, margin: f64) -> Self {
         let views = if planar { PLANE } else { SPACE };
         Self { views, space: Bounds::around(planar, points, margin) }
@@ -39,14 +38,12 @@ impl Canvas {
     }
 
     /// Picks the value for planar or spatial skills.
-    #[must_use]
     pub fn choose(&self, of: [f64; 2]) -> f64 {
         of[usize::from(!self.planar())]
     }
 
     /// A panel for each view, all with the same scale. `slice`: the point through which fields are
     /// cut.
-    #[must_use]
     pub fn panels(&self, slice: Option<DVec3>) -> Vec<Panel> {
         let sides = self.views.iter().map(|view| {
             let [low, high] = view.range(&self.space);
@@ -75,7 +72,6 @@ impl Canvas {
     }
 
     /// Panels in rows of two.
-    #[must_use]
     pub fn figure(
         &self,
         title: String,
@@ -89,13 +85,11 @@ impl Canvas {
     }
 
     /// The sign of a frame.
-    #[must_use]
     pub fn frame_sign(&self) -> Sign {
         Sign::Frame(if self.planar() { &AXES[..2] } else { &AXES })
     }
 
     /// Middle and end of each axis of a frame, as they are seen.
-    #[must_use]
     pub fn axes(&self, view: View, frame: &Pose) -> Vec<DVec2> {
         let side = (self.space.high - self.space.low).max_element();
         let count = if self.planar() { 2 } else { 3 };

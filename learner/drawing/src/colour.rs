@@ -56,13 +56,11 @@ fn viridis(fraction: f64, white: f64) -> String {
 }
 
 /// The colour of a phase from 0 to 1, dark to light but never too light for a line.
-#[must_use]
 pub fn of_phase(phase: f64) -> String {
     viridis(0.88 * phase.clamp(0.0, 1.0), 0.0)
 }
 
 /// The colour of a phase for areas, on which lines stand out.
-#[must_use]
 pub fn pale_of_phase(phase: f64) -> String {
     viridis(0.88 * phase.clamp(0.0, 1.0), 0.55)
 }
@@ -105,39 +103,33 @@ impl Scale {
     }
 
     /// For phases from 0 to 1.
-    #[must_use]
     pub fn phases() -> Self {
         let levels = (0..=20).map(|i| f64::from(i) / 20.0).collect();
         Self { levels, label: "phase".into(), kind: Kind::Phases }
     }
 
     /// Ends of the bands, ascending.
-    #[must_use]
     pub fn levels(&self) -> &[f64] {
         &self.levels
     }
 
     /// What the values are.
-    #[must_use]
     pub fn label(&self) -> &str {
         &self.label
     }
 
     /// How many bands there are.
-    #[must_use]
     pub fn bands(&self) -> usize {
         self.levels.len() - 1
     }
 
     /// The band of a value; the outermost ones reach to infinity.
-    #[must_use]
     pub fn band(&self, value: f64) -> usize {
         let inner = &self.levels[1..self.levels.len() - 1];
         inner.partition_point(|level| *level <= value)
     }
 
     /// The colour of a band.
-    #[must_use]
     pub fn colour(&self, band: usize) -> String {
         let fraction = (band as f64 + 0.5) / self.bands() as f64;
         match self.kind {

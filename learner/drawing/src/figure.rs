@@ -3,7 +3,7 @@
 use glam::DVec2;
 
 use crate::colour::{GREY, INK, Scale};
-use crate::panel::{Anchor, BOTTOM, LEFT, Panel, Stroke, dash_array, dot, star, text};
+use crate::panel::{Anchor, BOTTOM, LEFT, Panel, Stroke, dot, line, star, text};
 use crate::text::{escape, number};
 use crate::ticks::LETTER_PX;
 
@@ -58,7 +58,6 @@ impl Figure {
     }
 
     /// The SVG document.
-    #[must_use]
     pub fn svg(&self) -> String {
         let outer = |panel: &Panel| panel.outer();
         let heights = self.rows.iter().map(|row| row.iter().map(outer).map(|o| o.y));
@@ -125,17 +124,6 @@ impl Figure {
 /// A sign, 28 px wide, the middle of its left edge at a point \[px\].
 fn sign_svg(sign: Sign, at: DVec2) -> String {
     let middle = at + DVec2::X * 14.0;
-    let line = |from: DVec2, to: DVec2, colour: &str, width: f64, dashes: &str| {
-        format!(
-            "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"{colour}\" \
-             stroke-width=\"{width}\"{}/>",
-            from.x,
-            from.y,
-            to.x,
-            to.y,
-            dash_array(dashes)
-        )
-    };
     match sign {
         Sign::Line(s) => line(at, at + DVec2::X * 28.0, s.colour, s.width, s.dashes),
         Sign::Ellipse(colour) => format!(
@@ -170,11 +158,9 @@ fn bar_svg(scale: &Scale, at: DVec2, height: f64) -> String {
     let stride = (BAR_NUMBERS_APART / step).ceil() as usize;
     for (i, level) in scale.levels().iter().enumerate().step_by(stride) {
         let y = height - i as f64 * step;
-        svg += &format!(
-            "<line x1=\"{BAR_WIDTH}\" y1=\"{y:.1}\" x2=\"{:.1}\" y2=\"{y:.1}\" stroke=\"{GREY}\"/>",
-            BAR_WIDTH + 4.0
-        );
-        svg += &text(DVec2::new(BAR_WIDTH + 8.0, y + 4.5), Anchor::Start, &number(*level));
+        let at = |x| DVec2::new(x, y);
+        svg += &line(at(BAR_WIDTH), at(BAR_WIDTH + 4.0), GREY, 1.0, "");
+        svg += &text(at(BAR_WIDTH + 8.0) + DVec2::Y * 4.5, Anchor::Start, &number(*level));
     }
     svg += &format!(
         "<rect width=\"{BAR_WIDTH}\" height=\"{height:.1}\" fill=\"none\" stroke=\"{GREY}\"/>\n"

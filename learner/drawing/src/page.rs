@@ -52,13 +52,11 @@ impl<T: AsRef<str>> From<T> for Cell {
 
 impl Cell {
     /// A judgement in a word, coloured by whether it holds; `None` where that is open.
-    #[must_use]
     pub fn verdict(holds: Option<bool>, word: &str) -> Self {
         Self { class: class(holds), html: escape(word) }
     }
 
     /// The same with more text, which is hidden until it is asked for.
-    #[must_use]
     pub fn with_details(mut self, summary: &str, text: &str) -> Self {
         self.html += &details(summary, text);
         self
@@ -74,7 +72,6 @@ pub struct Page {
 
 impl Page {
     /// An empty page.
-    #[must_use]
     pub fn new(title: &str) -> Self {
         Self { title: escape(title), body: String::new() }
     }
@@ -145,7 +142,6 @@ impl Page {
     }
 
     /// The HTML document, which is well-formed XML too.
-    #[must_use]
     pub fn html(&self) -> String {
         let Self { title, body } = self;
         format!(

@@ -32,19 +32,16 @@ pub struct Stroke {
 
 impl Stroke {
     /// A solid line of a width \[px\].
-    #[must_use]
     pub const fn solid(colour: &'static str, width: f64) -> Self {
         Self { colour, width, dashes: "", rim: false }
     }
 
     /// A dashed line of a width \[px\].
-    #[must_use]
     pub const fn dashed(colour: &'static str, width: f64) -> Self {
         Self { dashes: "5 4", ..Self::solid(colour, width) }
     }
 
     /// The same with a white rim.
-    #[must_use]
     pub const fn rimmed(self) -> Self {
         Self { rim: true, ..self }
     }
@@ -61,17 +58,6 @@ pub enum Anchor {
     End,
 }
 
-/// Where an element is drawn.
-#[derive(Debug, Clone, Copy)]
-enum Layer {
-    /// Below the grid lines.
-    Areas,
-    /// Above them.
-    Lines,
-    /// Above all, also outside the axes.
-    Words,
-}
-
 /// One pair of axes. What is drawn later covers what was drawn before; areas lie below all else.
 #[derive(Debug, Clone)]
 pub struct Panel {
@@ -85,13 +71,16 @@ pub struct Panel {
     logarithmic: BVec2,
     /// Axes with ticks are drawn.
     ticks: bool,
-    /// The elements of each layer.
-    layers: [String; 3],
+    /// Elements below the grid lines.
+    areas: String,
+    /// Elements above them.
+    lines: String,
+    /// Elements above all, also outside the axes.
+    words: String,
 }
 
 impl Panel {
     /// Axes of equal scale, `pixels` in a unit.
-    #[must_use]
     pub fn map(title: &str, labels: [&str; 2], [low, high]: [DVec2; 2], pixels: f64) -> Self {
         Self {
             title: title.into(),
@@ -101,19 +90,19 @@ impl Panel {
             scale: DVec2::splat(pixels),
             logarithmic: BVec2::FALSE,
             ticks: true,
-            layers: <_>::default(),
+            areas: String::new(),
+            lines: String::new(),
+            words: String::new(),
         }
     }
 
     /// Axes of a size \[px\], each with its own scale.
-    #[must_use]
     pub fn graph(title: &str, labels: [&str; 2], [low, high]: [DVec2; 2], size: DVec2) -> Self {
         Self { scale: size / (high - low), ..Self::map(title, labels, [low, high], 1.0) }
     }
 
     /// Makes the chosen axes logarithmic. Their ends must be positive; what is smaller than the low one is
     /// drawn there.
-    #[must_use]
     pub fn logarithmic(mut self, x: bool, y: bool) -> Self {
         let (size, chosen) = (self.size(), BVec2::new(x, y));
         let logarithm = |end: DVec2| DVec2::select(chosen, end.map(f64::log10), end);
@@ -122,32 +111,27 @@ impl Panel {
     }
 
     /// Leaves ticks, grid and labels away.
-    #[must_use]
     pub fn without_ticks(mut self) -> Self {
         self.ticks = false;
         self
     }
 
     /// Size of the axes \[px\].
-    #[must_use]
     pub fn size(&self) -> DVec2 {
         (self.high - self.low) * self.scale
     }
 
     /// Lower left and upper right end of the axes; decimal logarithms where an axis is logarithmic.
-    #[must_use]
     pub fn range(&self) -> [DVec2; 2] {
         [self.low, self.high]
     }
 
     /// Pixels in a unit.
-    #[must_use]
     pub fn scale(&self) -> DVec2 {
         self.scale
     }
 
     /// Where a point lies, from the upper left corner of the axes \[px\].
-    #[must_use]
     pub fn at(&self, point: DVec2) -> DVec2 {
         let lowest = self.low.map(|end| 10_f64.powf(end));
         let decades = point.max(lowest).map(f64::log10);
@@ -163,17 +147,12 @@ impl Panel {
         edge: &str,
     ) {
         let rings = rings.into_iter().map(|ring| self.thinned(ring.iter().copied()));
-        let path: String = rings
-            .filter(|points| points.len() > 2)
-            .map(|points| format!("M{}Z", joined(&points)))
-            .collect();
+        let rings = rings.filter(|points| points.len() > 2);
+        let path: String = rings.map(|points| format!("M{}Z", joined(&points))).collect();
         if !path.is_empty() {
-            self.add(
-                Layer::Areas,
-                &format!(
-                    "<path d=\"{path}\" fill=\"{fill}\" fill-rule=\"evenodd\" stroke=\"{edge}\" \
-                     stroke-width=\"0.6\"/>"
-                ),
+            self.areas += &format!(
+                "<path d=\"{path}\" fill=\"{fill}\" fill-rule=\"evenodd\" stroke=\"{edge}\" \
+                 stroke-width=\"0.6\"/>\n"
             );
         }
     }
@@ -181,26 +160,23 @@ impl Panel {
     /// A line through points.
     pub fn line(&mut self, points: impl IntoIterator<Item = DVec2>, stroke: &Stroke) {
         let points = joined(&self.thinned(points));
-        let mut draw = |colour: &str, width: f64, more: String| {
-            self.add(
-                Layer::Lines,
-                &format!(
-                    "<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" \
-                     stroke-width=\"{width}\" stroke-linejoin=\"round\"{more}/>"
-                ),
+        let mut draw = |colour: &str, width: f64, more: &str| {
+            self.lines += &format!(
+                "<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" \
+                 stroke-width=\"{width}\" stroke-linejoin=\"round\"{more}/>\n"
             );
         };
         if stroke.rim {
-            draw("white", stroke.width + 2.2, " stroke-opacity=\"0.75\"".into());
+            draw("white", stroke.width + 2.2, " stroke-opacity=\"0.75\"");
         }
-        draw(stroke.colour, stroke.width, dash_array(stroke.dashes));
+        draw(stroke.colour, stroke.width, &dash_array(stroke.dashes));
     }
 
     /// A closed band, filled faintly.
     pub fn band(&mut self, points: impl IntoIterator<Item = DVec2>, colour: &str) {
         let points = joined(&self.thinned(points));
-        let band = format!("<polygon points=\"{points}\" fill=\"{colour}\" fill-opacity=\"0.2\"/>");
-        self.add(Layer::Lines, &band);
+        self.lines +=
+            &format!("<polygon points=\"{points}\" fill=\"{colour}\" fill-opacity=\"0.2\"/>\n");
     }
 
     /// Bars, each from its lower left to its upper right corner; `fill` from 0 to 1.
@@ -210,11 +186,8 @@ impl Panel {
             format!("M{:.1} {:.1}V{:.1}H{:.1}V{:.1}Z", low.x, low.y, high.y, high.x, low.y)
         };
         let path: String = bars.into_iter().map(bar).collect();
-        self.add(
-            Layer::Lines,
-            &format!(
-                "<path d=\"{path}\" fill=\"{colour}\" fill-opacity=\"{fill}\" stroke=\"{colour}\"/>"
-            ),
+        self.lines += &format!(
+            "<path d=\"{path}\" fill=\"{colour}\" fill-opacity=\"{fill}\" stroke=\"{colour}\"/>\n"
         );
     }
 
@@ -228,19 +201,13 @@ impl Panel {
         fill: f64,
     ) {
         let (axes, angle) = principal_axes(covariance);
-        let (c, r) = (self.at(centre), axes * deviations * self.scale.x);
-        self.add(
-            Layer::Lines,
-            &format!(
-                "<ellipse rx=\"{:.2}\" ry=\"{:.2}\" transform=\"translate({:.2} {:.2}) \
-                 rotate({:.2})\" fill=\"{colour}\" fill-opacity=\"{fill}\" stroke=\"{colour}\" \
-                 stroke-width=\"1.2\"/>",
-                r.x,
-                r.y,
-                c.x,
-                c.y,
-                -angle.to_degrees()
-            ),
+        let DVec2 { x, y } = self.at(centre);
+        let DVec2 { x: rx, y: ry } = axes * deviations * self.scale.x;
+        let degrees = -angle.to_degrees();
+        self.lines += &format!(
+            "<ellipse rx=\"{rx:.2}\" ry=\"{ry:.2}\" transform=\"translate({x:.2} {y:.2}) \
+             rotate({degrees:.2})\" fill=\"{colour}\" fill-opacity=\"{fill}\" stroke=\"{colour}\" \
+             stroke-width=\"1.2\"/>\n"
         );
     }
 
@@ -252,14 +219,12 @@ impl Panel {
 
     /// A dot of a radius \[px\].
     pub fn dot(&mut self, centre: DVec2, radius: f64, colour: &str) {
-        let dot = dot(self.at(centre), radius, colour);
-        self.add(Layer::Lines, &dot);
+        self.lines += &dot(self.at(centre), radius, colour);
     }
 
     /// The sign of the goal.
     pub fn star(&mut self, centre: DVec2) {
-        let star = star(self.at(centre));
-        self.add(Layer::Lines, &star);
+        self.lines += &star(self.at(centre));
     }
 
     /// An arrow around a point, `vector` to the right and up \[px\].
@@ -268,13 +233,9 @@ impl Panel {
         let c = self.at(centre);
         let (tail, tip, side) = (c - half, c + half, half.perp() * 0.42);
         let [left, right] = [tip - half * 0.75 + side, tip - half * 0.75 - side];
-        self.add(
-            Layer::Lines,
-            &format!(
-                "<path d=\"M{}M{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.5\"/>",
-                joined(&[tail, tip]),
-                joined(&[left, tip, right])
-            ),
+        let (shaft, head) = (joined(&[tail, tip]), joined(&[left, tip, right]));
+        self.lines += &format!(
+            "<path d=\"M{shaft}M{head}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.5\"/>\n"
         );
     }
 
@@ -286,21 +247,11 @@ impl Panel {
 
     /// Words in a colour, at a place from the upper left corner of the axes \[px\].
     pub fn label(&mut self, p: DVec2, anchor: Anchor, colour: &str, words: &str) {
-        let label = format!(
-            "<text x=\"{:.1}\" y=\"{:.1}\"{} fill=\"{colour}\" stroke=\"white\" stroke-width=\"3\" \
-             stroke-linejoin=\"round\" paint-order=\"stroke\">{}</text>",
-            p.x,
-            p.y,
-            anchor.attribute(),
-            escape(words)
+        let (DVec2 { x, y }, anchor, words) = (p, anchor.attribute(), escape(words));
+        self.words += &format!(
+            "<text x=\"{x:.1}\" y=\"{y:.1}\"{anchor} fill=\"{colour}\" stroke=\"white\" \
+             stroke-width=\"3\" stroke-linejoin=\"round\" paint-order=\"stroke\">{words}</text>\n"
         );
-        self.add(Layer::Words, &label);
-    }
-
-    fn add(&mut self, layer: Layer, element: &str) {
-        let elements = &mut self.layers[layer as usize];
-        elements.push_str(element);
-        elements.push('\n');
     }
 
     /// The points in pixels, without those that nobody could tell apart.
@@ -335,28 +286,24 @@ impl Panel {
     pub(crate) fn svg(&self, at: DVec2) -> String {
         let DVec2 { x: w, y: h } = self.size();
         // A nested picture clips what it holds.
-        let clipped = |layer: Layer| {
-            let elements = &self.layers[layer as usize];
-            if elements.is_empty() {
-                return String::new();
-            }
-            format!(
-                "<svg width=\"{w:.1}\" height=\"{h:.1}\" viewBox=\"0 0 {w:.1} {h:.1}\" \
-                 overflow=\"hidden\">\n{elements}</svg>\n"
-            )
+        let clipped = |elements: &str| {
+            let attributes = format!("width=\"{w:.1}\" height=\"{h:.1}\" overflow=\"hidden\"");
+            format!("<svg {attributes} viewBox=\"0 0 {w:.1} {h:.1}\">\n{elements}</svg>\n")
         };
         let mut svg = format!("<g transform=\"translate({:.1} {:.1})\">\n", at.x, at.y);
-        svg += &clipped(Layer::Areas);
+        if !self.areas.is_empty() {
+            svg += &clipped(&self.areas);
+        }
         if self.ticks {
             svg += &self.ticks_svg();
         }
-        svg += &clipped(Layer::Lines);
+        svg += &clipped(&self.lines);
         if self.ticks {
             svg += &format!(
                 "<rect width=\"{w:.1}\" height=\"{h:.1}\" fill=\"none\" stroke=\"{GREY}\"/>\n"
             );
         }
-        svg += &self.layers[Layer::Words as usize];
+        svg += &self.words;
         svg += &text(DVec2::new(0.5 * w, -10.0), Anchor::Middle, &self.title);
         svg + "</g>\n"
     }
@@ -374,10 +321,10 @@ impl Panel {
             }
         };
         // Over a filled area there are no grid lines.
-        let filled = !self.layers[Layer::Areas as usize].is_empty();
+        let filled = !self.areas.is_empty();
         let mark = |from: DVec2, to: DVec2, tick: DVec2| {
-            let grid = if filled { String::new() } else { line(from, to, GRID) };
-            grid + &line(to, to + tick, GREY)
+            let grid = if filled { String::new() } else { line(from, to, GRID, 1.0, "") };
+            grid + &line(to, to + tick, GREY, 1.0, "")
         };
         let mut svg = String::new();
         for tick in ticks(0, ticks::side_by_side) {
@@ -416,18 +363,18 @@ pub(crate) fn text(p: DVec2, anchor: Anchor, words: &str) -> String {
     format!("<text x=\"{:.1}\" y=\"{:.1}\"{anchor}>{words}</text>\n", p.x, p.y)
 }
 
-fn line(from: DVec2, to: DVec2, colour: &str) -> String {
+pub(crate) fn line(a: DVec2, b: DVec2, colour: &str, width: f64, dashes: &str) -> String {
+    let (DVec2 { x: x1, y: y1 }, DVec2 { x: x2, y: y2 }, dashes) = (a, b, dash_array(dashes));
     format!(
-        "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"{colour}\"/>",
-        from.x, from.y, to.x, to.y
+        "<line x1=\"{x1:.1}\" y1=\"{y1:.1}\" x2=\"{x2:.1}\" y2=\"{y2:.1}\" stroke=\"{colour}\" \
+         stroke-width=\"{width}\"{dashes}/>\n"
     )
 }
 
-pub(crate) fn dot(c: DVec2, radius: f64, colour: &str) -> String {
+pub(crate) fn dot(DVec2 { x, y }: DVec2, radius: f64, colour: &str) -> String {
     format!(
-        "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"{radius}\" fill=\"{colour}\" stroke=\"white\" \
-         stroke-width=\"0.8\"/>",
-        c.x, c.y
+        "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{colour}\" stroke=\"white\" \
+         stroke-width=\"0.8\"/>\n"
     )
 }
 
@@ -436,15 +383,14 @@ pub(crate) fn star(c: DVec2) -> String {
         let angle = std::f64::consts::PI * (0.2 * f64::from(i) - 0.5);
         c + DVec2::from_angle(angle) * if i.is_multiple_of(2) { 10.0 } else { 4.2 }
     };
-    let corners: Vec<_> = (0..10).map(corner).collect();
+    let corners = joined(&(0..10).map(corner).collect::<Vec<_>>());
     format!(
-        "<polygon class=\"goal\" points=\"{}\" fill=\"#ffd23f\" stroke=\"{INK}\" \
-         stroke-width=\"1.2\" stroke-linejoin=\"round\"/>",
-        joined(&corners)
+        "<polygon class=\"goal\" points=\"{corners}\" fill=\"#ffd23f\" stroke=\"{INK}\" \
+         stroke-width=\"1.2\" stroke-linejoin=\"round\"/>\n"
     )
 }
 
-pub(crate) fn dash_array(dashes: &str) -> String {
+fn dash_array(dashes: &str) -> String {
     if dashes.is_empty() { String::new() } else { format!(" stroke-dasharray=\"{dashes}\"") }
 }
 

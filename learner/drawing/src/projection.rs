@@ -32,14 +32,12 @@ impl View {
     }
 
     /// Where a point is seen.
-    #[must_use]
     pub fn point(self, p: DVec3) -> DVec2 {
         let [right, up] = self.directions();
         DVec2::new(right.dot(p), up.dot(p))
     }
 
     /// What a covariance looks like: P C Pᵀ, whose ellipses are the outlines of the ellipsoids.
-    #[must_use]
     pub fn covariance(self, c: DMat3) -> DMat2 {
         let [right, up] = self.directions();
         let (cr, cu) = (c * right, c * up);
@@ -50,14 +48,12 @@ impl View {
     }
 
     /// The point of a slice that is seen at `seen`; what the view does not show is that of `plane`.
-    #[must_use]
     pub fn on_slice(self, seen: DVec2, plane: DVec3) -> DVec3 {
         let [right, up] = self.directions();
         plane + right * (seen.x - right.dot(plane)) + up * (seen.y - up.dot(plane))
     }
 
     /// The coordinate that is not seen; `None` in the isometric view.
-    #[must_use]
     pub fn depth(self) -> Option<usize> {
         match self {
             Self::Along([a, b]) => Some(3 - a - b),
@@ -66,7 +62,6 @@ impl View {
     }
 
     /// What is seen of a box.
-    #[must_use]
     pub fn range(self, space: &Bounds) -> [DVec2; 2] {
         let corners = space.corners().map(|corner| self.point(corner));
         [
@@ -90,7 +85,6 @@ pub struct Ellipsoid {
 impl Ellipsoid {
     /// The position part of a Gaussian of a model, `mean` of two or three coordinates at least, of
     /// which the first `dimension` are the position's.
-    #[must_use]
     pub fn new(dimension: usize, mean: &[f64], covariance: &[Vec<f64>], phase: f64) -> Self {
         let mut ellipsoid = Self { mean: DVec3::ZERO, covariance: DMat3::ZERO, phase };
         for (i, row) in covariance.iter().enumerate().take(dimension) {
@@ -103,7 +97,6 @@ impl Ellipsoid {
     }
 
     /// Ends of the box around `deviations` of it.
-    #[must_use]
     pub fn ends(&self, deviations: f64) -> [DVec3; 2] {
         let c = self.covariance;
         let half = DVec3::new(c.x_axis.x.sqrt(), c.y_axis.y.sqrt(), c.z_axis.z.sqrt());
@@ -123,7 +116,6 @@ pub struct Bounds {
 impl Bounds {
     /// Around points of the plane or of space, with a margin that is a fraction of the largest side. No
     /// side is so thin that its axis could not be read; in the plane there is no height.
-    #[must_use]
     pub fn around(planar: bool, points: impl IntoIterator<Item = DVec3>, margin: f64) -> Self {
         let ends = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let (low, high) = points.into_iter().fold(ends, |(low, high), p| (low.min(p), high.max(p)));
@@ -137,7 +129,6 @@ impl Bounds {
     }
 
     /// Its eight corners.
-    #[must_use]
     pub fn corners(&self) -> [DVec3; 8] {
         std::array::from_fn(|i| {
             let pick = |axis: usize| if i >> axis & 1 == 1 { self.high } else { self.low };
@@ -147,7 +138,6 @@ impl Bounds {
 }
 
 /// Standard deviations along the principal axes, and the angle of the first axis \[rad\].
-#[must_use]
 pub fn principal_axes(covariance: DMat2) -> (DVec2, f64) {
     let (a, b, c) = (covariance.x_axis.x, covariance.x_axis.y, covariance.y_axis.y);
     let (mean, radius) = (0.5 * (a + c), (0.5 * (a - c)).hypot(b));

@@ -1,13 +1,11 @@
 //! Text and numbers as they stand in a picture or on a page.
 
 /// Text for XML and HTML.
-#[must_use]
 pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// A number with four significant digits, without noise behind the last one; a dash where there is none.
-#[must_use]
 pub fn number(value: f64) -> String {
     let size = value.abs();
     if !size.is_finite() {

@@ -15,7 +15,6 @@ pub(crate) fn nice_step(least: f64) -> f64 {
 }
 
 /// The whole decades around two positive numbers: ends of a logarithmic axis.
-#[must_use]
 pub fn decades(low: f64, high: f64) -> [f64; 2] {
     let first = low.max(1e-12).log10().floor();
     [first, high.max(1e-12).log10().ceil().max(first + 1.0)].map(|power| 10_f64.powf(power))

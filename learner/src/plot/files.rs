@@ -53,7 +53,6 @@ pub fn plot(model: &Path, demonstrations: &Path, out: &Path) -> Result<Vec<PathB
 }
 
 /// The choice of the number of Gaussians as an SVG document.
-#[must_use]
 pub fn choice(choice: &Choice) -> String {
     figures::choice(choice).svg()
 }

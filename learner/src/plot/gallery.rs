@@ -58,7 +58,6 @@ pub fn gallery(
 }
 
 /// The position parts of a model's Gaussians in canonical coordinates.
-#[must_use]
 pub fn gaussians(model: &SkillModel) -> Vec<Ellipsoid> {
     let dimension = model.manifold.position_dimension();
     let ellipsoid =
@@ -67,7 +66,6 @@ pub fn gaussians(model: &SkillModel) -> Vec<Ellipsoid> {
 }
 
 /// The named frame of a demonstration.
-#[must_use]
 pub fn frame_of(model: &SkillModel, demonstration: &Demonstration, name: &str) -> Option<Pose> {
     match name {
         _ if name == model.goal_frame => Some(demonstration.goal_frame),
