@@ -18,7 +18,7 @@ use nalgebra::SVector;
 use serde_json::{Value, json};
 use tprmp_bench::results::{self, Verdict};
 use tprmp_bench::timing::{Line, Times, measure};
-use tprmp_controller::policy::{Policy, Task, TaskParameters};
+use tprmp_controller::policy::{RobotPolicy, Task, TaskParameters};
 use tprmp_controller::startup::{self, Loaded};
 use tprmp_model::controller_config::ControllerConfig;
 use tprmp_model::skill_model::{self, FieldModel, SkillModel};
@@ -183,7 +183,7 @@ fn near_pairs(
 
 /// A tick of the policy; in every second one the frames are those of the second kind.
 fn tick<'a, const N: usize>(
-    policy: &'a Policy<N>,
+    policy: &'a RobotPolicy<N>,
     q: SVector<f64, N>,
     frames: &'a [Vec<MovingPose>; 2],
     obstacles: &'a [Obstacle],
@@ -287,7 +287,7 @@ fn promised(report: &mut Report<'_>) {
     let (loaded, chain, points) = load::<6>("ur5_pick.ron", "pick.model.ron");
     let q = SVector::from(POSITION);
     let frames = both(pick_frames, 0.001);
-    let policy = Policy::new(chain.clone(), loaded.policies(), &points, &loaded.config);
+    let policy = RobotPolicy::new(chain.clone(), loaded.policies(), &points, &loaded.config);
     let settings = json!({ "components": 15, "frames": 2, "obstacles": 0, "joints": 6 });
     let name = "tick, default policy, both frames moving";
     report.row(name, [3.0, 1.0], &settings, tick(&policy, q, &frames, &[]));
@@ -297,7 +297,7 @@ fn promised(report: &mut Report<'_>) {
         assert!(config.joint_limits.is_some() && config.self_collision.is_some(), "the whole arm");
         let count = points.as_slice().len();
         let near = near_pairs(&chain, points, config, &crowd);
-        let policy = Policy::new(chain.clone(), loaded.policies(), points, config);
+        let policy = RobotPolicy::new(chain.clone(), loaded.policies(), points, config);
         let settings = json!({ "components": 15, "frames": 2, "obstacles": 8, "joints": 6,
             "control_points": count, "near_pairs": near });
         let name = format!("tick, whole arm, {count} points × 8 obstacles, {near} near");
@@ -309,7 +309,7 @@ fn promised(report: &mut Report<'_>) {
     whole_arm(&points);
 
     let (loaded, ..) = load::<6>("ur5_pick.ron", "pick_thesis.model.ron");
-    let policy = Policy::new(chain.clone(), loaded.policies(), &points, &loaded.config);
+    let policy = RobotPolicy::new(chain.clone(), loaded.policies(), &points, &loaded.config);
     let settings = json!({ "components": 15, "frames": 2, "obstacles": 0, "joints": 6 });
     let still = both(pick_frames, 0.0);
     let name = "tick, thesis policy, frames unchanged";
@@ -318,7 +318,7 @@ fn promised(report: &mut Report<'_>) {
     report.row(name, [10.0, 3.0], &settings, tick(&policy, q, &frames, &[]));
 
     let (loaded, plane, points) = load::<2>("planar.ron", "planar.model.ron");
-    let policy = Policy::new(plane, loaded.policies(), &points, &loaded.config);
+    let policy = RobotPolicy::new(plane, loaded.policies(), &points, &loaded.config);
     let frames = both(planar_frames, 0.001);
     let settings = json!({ "components": 9, "frames": 2, "obstacles": 0, "joints": 2 });
     let name = "tick, default policy in the plane, frames moving";
@@ -343,7 +343,7 @@ fn growth(report: &mut Report<'_>) {
     let q = SVector::from(POSITION);
     let frames = both(pick_frames, 0.001);
     let config = &loaded.config;
-    let policy = |skill: SkillPolicy| Policy::new(chain.clone(), vec![skill], &points, config);
+    let policy = |skill: SkillPolicy| RobotPolicy::new(chain.clone(), vec![skill], &points, config);
     let default = |count: usize| {
         let model = with_components(&loaded.skills[0].model, count);
         let policy = policy(model.policy().expect("what was a skill is one"));

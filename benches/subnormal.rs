@@ -9,7 +9,7 @@ use std::time::Instant;
 use glam::DVec3;
 use nalgebra::SVector;
 use tprmp_bench::results::{self, Verdict};
-use tprmp_controller::policy::{Policy, Task, TaskParameters};
+use tprmp_controller::policy::{RobotPolicy, Task, TaskParameters};
 use tprmp_controller::startup;
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
@@ -20,14 +20,14 @@ const TINY: f64 = 1e-310;
 /// A tick may take so many times as long with them.
 const RATIO_MAX: f64 = 3.0;
 
-fn policy<const N: usize>(controller: &str, model: &str) -> Policy<N> {
+fn policy<const N: usize>(controller: &str, model: &str) -> RobotPolicy<N> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let config = root.join("config/controllers").join(controller);
     let model = root.join("target/bench").join(model);
     assert!(model.exists(), "{} is missing: run `make bench`", model.display());
     let loaded = startup::load(&config, &[model], false).expect("the shipped files are valid");
     let (chain, points) = startup::robot::<N>(&config, &loaded.config).expect("a valid robot");
-    Policy::new(chain, loaded.policies(), &points, &loaded.config)
+    RobotPolicy::new(chain, loaded.policies(), &points, &loaded.config)
 }
 
 /// Joint positions, their speed, and that of the frames.
@@ -47,7 +47,7 @@ fn frames(positions: [[f64; 3]; 2], rate: f64) -> [MovingPose; 2] {
 
 /// Best time of a tick in each case \[ns\].
 fn measure<const N: usize>(
-    policy: &Policy<N>,
+    policy: &RobotPolicy<N>,
     positions: [[f64; 3]; 2],
     cases: &[Case<N>],
 ) -> Vec<f64> {

@@ -71,7 +71,7 @@ pub fn fifo_refused() -> Option<String> {
             cpu_latency_max_us: None,
             required: Vec::new(),
         });
-        granted.refused.first().map(|refusal| format!("{}; {}", refusal.error, refusal.remedy()))
+        granted.denied.first().map(|denied| format!("{}; {}", denied.error, denied.remedy()))
     };
     // In a thread of its own, which takes the priority with it.
     thread::spawn(attempt).join().unwrap_or_else(|_| Some("the attempt failed".into()))

@@ -8,6 +8,8 @@ pub mod commands;
 pub mod cycle;
 pub mod inputs;
 pub mod motion;
+pub mod outbox;
+pub mod peers;
 pub mod policy;
 pub mod startup;
 pub mod task;

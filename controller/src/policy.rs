@@ -8,7 +8,7 @@ use nalgebra::SVector;
 use tprmp_model::controller_config::{Collision, ControllerConfig, ExemptObstacle, Exemption};
 use tprmp_rmpflow::leaves::{
     self, ApproachFunnel, Body, JointLimits, JointSpeedLimits, Obstacle, Part, PoseAttractor,
-    Posture, SelfCollision, Shape, Tick,
+    Posture, Proximity, SelfCollision, Shape, Tick,
 };
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::policy::{PolicyState, SkillInertia, SkillPolicy, SkillValue, SpeedGovernor};
@@ -21,11 +21,10 @@ use tprmp_spatial::{MovingPose, PointMotion, Pose, Twist};
 
 use crate::inputs::external::ExternalCommand;
 use crate::motion::limits::working_range;
-use crate::task::standstill::Surroundings;
 
-/// The policy: immutable.
+/// The policy of a robot: immutable.
 #[derive(Debug)]
-pub struct Policy<const N: usize> {
+pub struct RobotPolicy<const N: usize> {
     chain: Chain<N>,
     /// At least one; the first is the task.
     skills: Vec<SkillLeaf>,
@@ -140,7 +139,7 @@ impl<T: Copy> OnDemand<T> {
 /// The control points of the arm in its present posture; where a point is and how it moves is computed
 /// when it is first asked for.
 struct Links<'a, const N: usize> {
-    policy: &'a Policy<N>,
+    policy: &'a RobotPolicy<N>,
     kinematics: &'a Kinematics<N>,
     part_centres: &'a [DVec3],
     centres: &'a OnDemand<DVec3>,
@@ -223,13 +222,13 @@ pub struct TaskParameters<'a> {
     pub goal_frame: usize,
     /// What to keep away from.
     pub obstacles: &'a [Obstacle],
-    /// What somebody outside wishes for, `None` where nobody is listened to.
+    /// What is commanded from outside; `None` for a controller that does not listen.
     pub external: Option<&'a ExternalCommand>,
     /// Time since the last tick \[s\].
     pub dt_s: f64,
 }
 
-/// What the tree decided, and what it saw.
+/// What the tree decided, and how near obstacles are.
 #[derive(Debug, Clone, Copy)]
 pub struct Decision<const N: usize> {
     /// q̈ \[rad/s² or m/s²\].
@@ -240,12 +239,12 @@ pub struct Decision<const N: usize> {
     pub goal: Pose,
     /// V of the skills \[J\].
     pub energy: f64,
-    /// How near obstacles and the arm itself are, and whether it presses on one.
-    pub surroundings: Surroundings,
+    /// Of obstacles, and of the arm itself.
+    pub proximity: Proximity,
 }
 
 impl<const N: usize> Workspace<N> {
-    /// Forgets how far the skills are on their way: they go on from where the tool is.
+    /// Forgets the phases of the skills: they go on from where the tool is.
     pub fn restart(&mut self) {
         for skill in &mut self.skills {
             skill.state.restart();
@@ -265,10 +264,10 @@ impl<const N: usize> Workspace<N> {
     }
 }
 
-impl<const N: usize> Policy<N> {
+impl<const N: usize> RobotPolicy<N> {
     /// Builds the policy. Allocates: at start-up only.
     ///
-    /// * `skills`  the first is the task; the others speak beside it, and there are as many of them as
+    /// * `skills`  the first is the task; the others act beside it, and there are as many of them as
     ///   `config.additional_skills`
     ///
     /// # Panics
@@ -337,7 +336,7 @@ impl<const N: usize> Policy<N> {
         &self.chain
     }
 
-    /// Whether the first skill leads the orientation too.
+    /// Whether the first skill acts on the orientation too.
     #[must_use]
     pub fn has_orientation(&self) -> bool {
         self.skills[0].policy.has_orientation()
@@ -405,8 +404,8 @@ impl<const N: usize> Policy<N> {
                 learned_energy
             }
         };
-        if let Some(wish) = parameters.external.and_then(|outside| outside.leaf(&velocity)) {
-            leaf.add(&wish);
+        if let Some(desired) = parameters.external.and_then(|external| external.leaf(&velocity)) {
+            leaf.add(&desired);
         }
         let mut root = Natural::<N>::zero();
         let drift = kinematics.tool_drift;
@@ -448,17 +447,17 @@ impl<const N: usize> Policy<N> {
             dt_s: parameters.dt_s,
         };
         let resolved = self.tree.evaluate(&tick, &mut workspace.tree)?;
-        // Where somebody leads the tool into an obstacle, that is no reason for the skills to go on.
-        let led = parameters.external.is_some_and(ExternalCommand::leads);
+        // What an external command moves into an obstacle is no reason for the skills to go on.
+        let commanded = parameters.external.is_some_and(ExternalCommand::is_active);
         let obstructed_fraction = resolved.proximity.obstructed_fraction;
-        let held = if led { 0.0 } else { obstructed_fraction };
+        let held = if commanded { 0.0 } else { obstructed_fraction };
         workspace.skills.iter_mut().for_each(|skill| skill.state.set_obstructed(held));
         Ok(Decision {
             acceleration: resolved.acceleration,
             tool,
             goal,
             energy: learned_energy,
-            surroundings: Surroundings {
+            proximity: Proximity {
                 obstructed_fraction,
                 clearance_min_m: resolved
                     .proximity

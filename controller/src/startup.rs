@@ -6,18 +6,16 @@ use thiserror::Error;
 use tprmp_messages::{
     ControllerPorts, FRAME_CAPACITY, Instance, NAME_CAPACITY, ServiceError, name_bytes,
 };
-use tprmp_model::controller_config::{self, ConfigError, ControlPoint, ControllerConfig};
+use tprmp_model::controller_config::{self, ConfigError, ControlPoint, ControllerConfig, Robot};
 use tprmp_model::skill_model::{self, ModelError, SkillModel};
 use tprmp_rmpflow::policy::SkillPolicy;
 use tprmp_robot::{Chain, ControlPointError, ControlPoints, UrdfError, count_joints};
 
-use crate::commands::soak::SoakError;
 use crate::cycle::Cycle;
 use crate::inputs::scene::Scene;
 use crate::motion::limits::working_range;
-use crate::policy::Policy;
-use crate::timing::pacing::Pace;
-use crate::timing::realtime::Refusal;
+use crate::policy::RobotPolicy;
+use crate::timing::pacing::Pacing;
 
 /// Why the controller does not start.
 #[derive(Debug, Error)]
@@ -42,108 +40,16 @@ pub enum StartError {
     /// Shared memory.
     #[error(transparent)]
     Service(#[from] ServiceError),
-    /// The signal handlers.
-    #[error("signal handlers cannot be installed: {0}")]
-    Signals(std::io::Error),
-    /// A required right is missing.
-    #[error("key `real_time.required` names {:?}, which the system refuses: {_0}", _0.grant)]
-    Refused(Refusal),
-    /// There is nobody to look at.
-    #[error("no controller runs on instance `{0}`: start one, or name its --instance")]
-    NoController(String),
-    /// A soak.
-    #[error(transparent)]
-    Soak(#[from] SoakError),
-    /// The summary.
-    #[error("summary `{path}` cannot be written: {source}")]
-    Summary {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        source: std::io::Error,
-    },
-    /// The joints of the robot are not those of the configuration.
-    #[error(
-        "configuration `{config}`, key `robot.joints`: expected the joints that `{urdf}` has between its root \
-         and `{tool}`, {expected:?}, found {found:?}"
-    )]
-    Joints {
+    /// A key of the configuration does not fit the robot or the models.
+    #[error("configuration `{config}`, key `{key}`: expected {expected}, found {found}")]
+    Key {
         /// The configuration.
         config: PathBuf,
-        /// The robot's description.
-        urdf: PathBuf,
-        /// The tool's link.
-        tool: String,
-        /// Joints of the description.
-        expected: Vec<String>,
-        /// Joints of the configuration.
-        found: Vec<String>,
-    },
-    /// Nothing says what the spare joints should do.
-    #[error(
-        "configuration `{config}`, key `joint_damping.inertia`: expected a number above zero, since the \
-         robot has {joints} joints and the skill leads only {dimension} of their freedoms, found zero"
-    )]
-    Undetermined {
-        /// The configuration.
-        config: PathBuf,
-        /// Joints of the robot.
-        joints: usize,
-        /// Dimension of the skill.
-        dimension: usize,
-    },
-    /// More or fewer models than leaves for them.
-    #[error(
-        "configuration `{config}`, key `additional_skills`: expected `--model` once for the task and once \
-         for each of the {expected} further leaves, found it {found} times"
-    )]
-    Models {
-        /// The configuration.
-        config: PathBuf,
-        /// Entries of the key.
-        expected: usize,
-        /// Models.
-        found: usize,
-    },
-    /// More frames than a message carries.
-    #[error(
-        "configuration `{config}`, key `additional_skills`: expected models of at most {FRAME_CAPACITY} \
-         frames together, found {found}"
-    )]
-    Frames {
-        /// The configuration.
-        config: PathBuf,
-        /// Frames of all models.
-        found: usize,
-    },
-    /// The configuration leaves a joint no room.
-    #[error(
-        "configuration `{config}`, keys `robot.position_margin` and `robot.working_range`: expected \
-         that they leave every joint room, found [{lower}, {upper}] for joint `{joint}`"
-    )]
-    NoRoom {
-        /// The configuration.
-        config: PathBuf,
-        /// The joint.
-        joint: String,
-        /// Lower end of what is left \[rad or m\].
-        lower: f64,
-        /// Upper end of what is left \[rad or m\].
-        upper: f64,
-    },
-    /// A link named in the configuration does not exist.
-    #[error(
-        "configuration `{config}`, key `collision.exempt`: expected a moving link of `{urdf}`, {expected:?}, \
-         found `{found}`"
-    )]
-    Link {
-        /// The configuration.
-        config: PathBuf,
-        /// The robot's description.
-        urdf: PathBuf,
-        /// Links of the description.
-        expected: Vec<String>,
-        /// Link of the configuration.
+        /// The key.
+        key: &'static str,
+        /// What was expected.
+        expected: String,
+        /// What was found.
         found: String,
     },
     /// The model failed its certificate.
@@ -176,6 +82,18 @@ pub enum StartError {
     },
 }
 
+impl StartError {
+    fn key(
+        config: &Path,
+        key: &'static str,
+        expected: impl Into<String>,
+        found: impl ToString,
+    ) -> Self {
+        let (expected, found) = (expected.into(), found.to_string());
+        Self::Key { config: config.into(), key, expected, found }
+    }
+}
+
 /// A skill as it was learned, and in the form in which it is evaluated.
 #[derive(Debug)]
 pub struct LoadedSkill {
@@ -195,7 +113,7 @@ pub struct Loaded {
 }
 
 impl Loaded {
-    /// The policies of the skills, for [`Policy::new`].
+    /// The policies of the skills, for [`RobotPolicy::new`].
     #[must_use]
     pub fn policies(&self) -> Vec<SkillPolicy> {
         self.skills.iter().map(|skill| skill.policy.clone()).collect()
@@ -226,23 +144,29 @@ pub fn load_with(
     allow_uncertified: bool,
 ) -> Result<Loaded, StartError> {
     let config = controller_config::read_with(config_path, edit)?;
-    if model_paths.len() != 1 + config.additional_skills.len() {
-        return Err(StartError::Models {
-            config: config_path.into(),
-            expected: config.additional_skills.len(),
-            found: model_paths.len(),
-        });
+    let further = config.additional_skills.len();
+    if model_paths.len() != 1 + further {
+        let expected = format!(
+            "`--model` once for the task and once for each of the {further} further leaves"
+        );
+        let found = format!("it {} times", model_paths.len());
+        return Err(StartError::key(config_path, "additional_skills", expected, found));
     }
     let load = |path: &_| load_skill(config_path, &config, AsRef::as_ref(path), allow_uncertified);
     let skills: Vec<_> = model_paths.iter().map(load).collect::<Result<_, _>>()?;
     let frames: usize = skills.iter().map(|skill| skill.policy.frame_count()).sum();
     if frames > FRAME_CAPACITY {
-        return Err(StartError::Frames { config: config_path.into(), found: frames });
+        let expected = format!("models of at most {FRAME_CAPACITY} frames together");
+        return Err(StartError::key(config_path, "additional_skills", expected, frames));
     }
     let joints = config.robot.joints.len();
     let dimension = skills.iter().map(|skill| skill.model.manifold.dimension()).max().unwrap_or(0);
     if dimension < joints && config.joint_damping.inertia <= 0.0 {
-        return Err(StartError::Undetermined { config: config_path.into(), joints, dimension });
+        let expected = format!(
+            "a number above zero, since the robot has {joints} joints and the skill decides about only \
+             {dimension} of their freedoms"
+        );
+        return Err(StartError::key(config_path, "joint_damping.inertia", expected, "zero"));
     }
     Ok(Loaded { config, skills })
 }
@@ -306,31 +230,23 @@ pub fn robot<const N: usize>(
     let urdf = &config.robot.urdf;
     let chain = Chain::<N>::from_urdf(urdf, config.robot.selection())?;
     if chain.joint_names()[..] != config.robot.joints[..] {
-        return Err(StartError::Joints {
-            config: config_path.into(),
-            urdf: urdf.clone(),
-            tool: config.robot.tool_link.clone(),
-            expected: chain.joint_names().to_vec(),
-            found: config.robot.joints.clone(),
-        });
+        return Err(joints_error(config_path, &config.robot, format!("{:?}", chain.joint_names())));
     }
     let [lower, upper] = working_range(&chain, &config.robot);
     for (i, joint) in chain.joint_names().iter().enumerate() {
         let (lower, upper) = (lower[i], upper[i]);
         if lower >= upper {
-            let (config, joint) = (config_path.into(), joint.clone());
-            return Err(StartError::NoRoom { config, joint, lower, upper });
+            let keys = "robot.position_margin` and `robot.working_range";
+            let found = format!("[{lower}, {upper}] for joint `{joint}`");
+            return Err(StartError::key(config_path, keys, "room for every joint", found));
         }
     }
-    let links: Vec<String> = chain.moving_links().iter().map(|(name, _)| name.clone()).collect();
+    let links: Vec<_> = chain.moving_links().iter().map(|(name, _)| name).collect();
     for exemption in config.collision.iter().flat_map(|c| &c.exempt) {
-        if !links.contains(&exemption.link) {
-            return Err(StartError::Link {
-                config: config_path.into(),
-                urdf: urdf.clone(),
-                expected: links,
-                found: exemption.link.clone(),
-            });
+        if !links.contains(&&exemption.link) {
+            let expected = format!("a moving link of `{}`, {links:?}", urdf.display());
+            let found = format!("`{}`", exemption.link);
+            return Err(StartError::key(config_path, "collision.exempt", expected, found));
         }
     }
     let points = match &config.robot.control_points {
@@ -345,16 +261,22 @@ pub fn robot<const N: usize>(
     Ok((chain, points))
 }
 
+fn joints_error(config: &Path, robot: &Robot, described: String) -> StartError {
+    let expected = format!(
+        "the joints that `{}` has between its root and `{}`, {described}",
+        robot.urdf.display(),
+        robot.tool_link
+    );
+    StartError::key(config, "robot.joints", expected, format!("{:?}", robot.joints))
+}
+
 /// What is done with a robot of N joints: lets a number of joints that is read at run time choose
 /// among compile-time sizes.
 pub trait WithRobot {
     /// What comes out.
     type Output;
     /// Does it.
-    ///
-    /// # Errors
-    /// As the work itself.
-    fn call<const N: usize>(self) -> Result<Self::Output, StartError>;
+    fn call<const N: usize>(self) -> Self::Output;
 }
 
 /// Calls `work` with the number of joints of the configuration's robot.
@@ -368,20 +290,14 @@ pub fn with_robot<W: WithRobot>(
 ) -> Result<W::Output, StartError> {
     let count = count_joints(&config.robot.urdf, config.robot.selection())?;
     match count {
-        2 => work.call::<2>(),
-        3 => work.call::<3>(),
-        4 => work.call::<4>(),
-        5 => work.call::<5>(),
-        6 => work.call::<6>(),
-        7 => work.call::<7>(),
-        8 => work.call::<8>(),
-        _ => Err(StartError::Joints {
-            config: config_path.into(),
-            urdf: config.robot.urdf.clone(),
-            tool: config.robot.tool_link.clone(),
-            expected: vec![format!("{count} joints")],
-            found: config.robot.joints.clone(),
-        }),
+        2 => Ok(work.call::<2>()),
+        3 => Ok(work.call::<3>()),
+        4 => Ok(work.call::<4>()),
+        5 => Ok(work.call::<5>()),
+        6 => Ok(work.call::<6>()),
+        7 => Ok(work.call::<7>()),
+        8 => Ok(work.call::<8>()),
+        _ => Err(joints_error(config_path, &config.robot, format!("{count} joints"))),
     }
 }
 
@@ -392,14 +308,14 @@ pub fn with_robot<W: WithRobot>(
 pub fn cycle<const N: usize>(
     config_path: &Path,
     loaded: Loaded,
-    pace: Pace,
+    pacing: Pacing,
     until_done: bool,
     instance: &Instance,
 ) -> Result<Cycle<N>, StartError> {
     let policies = loaded.policies();
     let Loaded { config, skills } = loaded;
     let (chain, points) = robot::<N>(config_path, &config)?;
-    let policy = Policy::new(chain, policies, &points, &config);
+    let policy = RobotPolicy::new(chain, policies, &points, &config);
     let frame_name = |name: &str| name_bytes(name).expect("checked by `load`");
     let names = skills.iter().flat_map(|skill| {
         let frames = skill.model.frames.iter().take(skill.policy.frame_count());
@@ -412,23 +328,5 @@ pub fn cycle<const N: usize>(
     if config.external.is_some() {
         ports.listen()?;
     }
-    Ok(Cycle::new(policy, scene, config, pace, until_done, ports))
-}
-
-/// Writes a summary of a run.
-///
-/// # Errors
-/// When the file cannot be written.
-pub fn write_summary(path: &Path, summary: &serde_json::Value) -> Result<(), StartError> {
-    std::fs::write(path, format!("{summary:#}\n"))
-        .map_err(|source| StartError::Summary { path: path.into(), source })
-}
-
-/// Finds out whether a summary can be written, and leaves none.
-///
-/// # Errors
-/// When the file cannot be written.
-pub fn try_summary(path: &Path) -> Result<(), StartError> {
-    write_summary(path, &serde_json::Value::Null)?;
-    std::fs::remove_file(path).map_err(|source| StartError::Summary { path: path.into(), source })
+    Ok(Cycle::new(policy, scene, &config, pacing, until_done, ports))
 }

@@ -1,12 +1,15 @@
 //! What the loop measures about itself, in storage that exists before it starts.
 
+use core::sync::atomic::{AtomicU32, Ordering};
+
 use hdrhistogram::Histogram;
 use serde_json::{Value, json};
-use tprmp_messages::Reason;
+use tprmp_messages::{LifeCycle, Reason};
 
-use crate::cycle::Ending;
+use crate::peers::Connections;
+use crate::timing::realtime::PageFaults;
 
-/// Longest time the histograms tell apart \[ns\].
+/// Longest time the histograms resolve \[ns\].
 const TIME_MAX_NS: u64 = 10_000_000_000;
 /// So many of the slowest ticks are kept with all their times.
 const WORST_TICKS: usize = 16;
@@ -18,7 +21,7 @@ pub struct TickTimes {
     pub wake_up_ns: u64,
     /// Age of the state it used when it woke up, `None` without one \[ns\].
     pub state_age_ns: Option<u64>,
-    /// From the wake-up until the messages are received; connecting to a newcomer is part of it
+    /// From the wake-up until the messages are received; connecting to a new peer is part of it
     /// \[ns\].
     pub receiving_ns: u64,
     /// Checks, policy, limits and torques \[ns\].
@@ -43,7 +46,7 @@ impl TickTimes {
 
 /// A tick and what came of it.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Tick {
+pub struct TickRecord {
     /// When the command was published \[ns\].
     pub time_ns: u64,
     /// Its times.
@@ -62,18 +65,18 @@ struct WorstTicks {
     /// By what they are compared.
     time_ns: fn(&TickTimes) -> u64,
     /// Number and tick; the first `count` are in use.
-    ticks: [(u64, Tick); WORST_TICKS],
+    ticks: [(u64, TickRecord); WORST_TICKS],
     count: usize,
 }
 
 impl WorstTicks {
     fn new(time_ns: fn(&TickTimes) -> u64) -> Self {
-        Self { time_ns, ticks: [(0, Tick::default()); WORST_TICKS], count: 0 }
+        Self { time_ns, ticks: [(0, TickRecord::default()); WORST_TICKS], count: 0 }
     }
 
-    fn record(&mut self, number: u64, tick: &Tick) {
+    fn record(&mut self, number: u64, tick: &TickRecord) {
         let time_ns = (self.time_ns)(&tick.times);
-        let slower = |(_, other): &(u64, Tick)| (self.time_ns)(&other.times) >= time_ns;
+        let slower = |(_, other): &(u64, TickRecord)| (self.time_ns)(&other.times) >= time_ns;
         let place = self.ticks[..self.count].partition_point(slower);
         if place == WORST_TICKS {
             return;
@@ -84,7 +87,7 @@ impl WorstTicks {
     }
 
     fn summary(&self) -> Value {
-        let tick = |(number, tick): &(u64, Tick)| {
+        let tick = |(number, tick): &(u64, TickRecord)| {
             json!({
                 "tick": number,
                 "time_ns": tick.time_ns,
@@ -102,17 +105,40 @@ impl WorstTicks {
     }
 }
 
-/// What connecting to peers that appeared or came back has cost.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Connections {
-    /// How often something had to be connected.
-    pub count: u64,
-    /// Heap allocations in it.
+/// How a run came out.
+#[derive(Debug, Clone, Copy)]
+pub struct RunOutcome {
+    /// Where the task stood before the stop.
+    pub life_cycle: LifeCycle,
+    /// Heap allocations inside the loop, without those that connected a peer.
     pub allocations: u64,
-    /// Time it took, all together \[ns\].
-    pub total_ns: u64,
-    /// The longest time it took \[ns\].
-    pub longest_ns: u64,
+    /// Connections made inside the loop.
+    pub connections: Connections,
+    /// Page faults inside the loop, `None` where the system does not tell.
+    pub page_faults: Option<PageFaults>,
+}
+
+/// Life cycle and reason of the loop, for other threads: written and read without a lock.
+#[derive(Debug, Default)]
+pub struct SharedStatus {
+    life_cycle: AtomicU32,
+    reason: AtomicU32,
+}
+
+impl SharedStatus {
+    /// Stores life cycle and reason. No lock, no allocation.
+    pub fn write(&self, life_cycle: LifeCycle, reason: Reason) {
+        self.life_cycle.store(life_cycle.to_wire(), Ordering::Relaxed);
+        self.reason.store(reason.to_wire(), Ordering::Relaxed);
+    }
+
+    /// What was stored last.
+    #[must_use]
+    pub fn read(&self) -> (LifeCycle, Reason) {
+        let life_cycle = LifeCycle::from_wire(self.life_cycle.load(Ordering::Relaxed));
+        let reason = Reason::from_wire(self.reason.load(Ordering::Relaxed));
+        (life_cycle.unwrap_or_default(), reason.unwrap_or_default())
+    }
 }
 
 /// Histograms and counters of a run.
@@ -133,8 +159,6 @@ pub struct Telemetry {
     pub deadline_misses: u64,
     /// Periods that passed without a tick.
     pub skipped_periods: u64,
-    /// Connections made since the loop began.
-    pub connections: Connections,
 }
 
 impl Telemetry {
@@ -161,12 +185,11 @@ impl Telemetry {
             ticks: 0,
             deadline_misses: 0,
             skipped_periods: 0,
-            connections: Connections::default(),
         }
     }
 
     /// Records a tick. No allocation.
-    pub fn record(&mut self, tick: &Tick) {
+    pub fn record(&mut self, tick: &TickRecord) {
         self.ticks += 1;
         self.deadline_misses += u64::from(tick.missed);
         self.skipped_periods += tick.skipped;
@@ -184,17 +207,9 @@ impl Telemetry {
         self.longest.record(self.ticks, tick);
     }
 
-    /// Records that something was connected. No allocation.
-    pub fn connected(&mut self, allocations: u64, duration_ns: u64) {
-        self.connections.count += 1;
-        self.connections.allocations += allocations;
-        self.connections.total_ns += duration_ns;
-        self.connections.longest_ns = self.connections.longest_ns.max(duration_ns);
-    }
-
     /// The run in numbers, for people and programs.
     #[must_use]
-    pub fn summary(&self, ending: &Ending) -> Value {
+    pub fn summary(&self, outcome: &RunOutcome) -> Value {
         let reasons: serde_json::Map<String, Value> = Reason::ALL
             .iter()
             .map(|r| (format!("{r:?}"), self.reasons[r.to_wire() as usize]))
@@ -202,18 +217,18 @@ impl Telemetry {
             .map(|(name, ticks)| (name, ticks.into()))
             .collect();
         let mut summary = json!({
-            "life_cycle": format!("{:?}", ending.life_cycle),
+            "life_cycle": format!("{:?}", outcome.life_cycle),
             "ticks": self.ticks,
             "deadline_misses": self.deadline_misses,
             "skipped_periods": self.skipped_periods,
-            "allocations": ending.allocations,
+            "allocations": outcome.allocations,
             "connections": {
-                "count": self.connections.count,
-                "allocations": self.connections.allocations,
-                "total_us": microseconds(self.connections.total_ns),
-                "longest_us": microseconds(self.connections.longest_ns),
+                "count": outcome.connections.count,
+                "allocations": outcome.connections.allocations,
+                "total_us": microseconds(outcome.connections.total_ns),
+                "longest_us": microseconds(outcome.connections.longest_ns),
             },
-            "page_faults": ending.page_faults.map(|faults| json!({
+            "page_faults": outcome.page_faults.map(|faults| json!({
                 "minor": faults.minor,
                 "major": faults.major,
             })),
@@ -275,10 +290,15 @@ fn buckets(histogram: &Histogram<u64>) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::timing::realtime::PageFaults;
-    use tprmp_messages::LifeCycle;
 
-    fn tick(evaluation_ns: u64) -> Tick {
+    const RUNNING: RunOutcome = RunOutcome {
+        life_cycle: LifeCycle::Running,
+        allocations: 0,
+        connections: Connections { count: 0, allocations: 0, total_ns: 0, longest_ns: 0 },
+        page_faults: None,
+    };
+
+    fn tick(evaluation_ns: u64) -> TickRecord {
         let times = TickTimes {
             wake_up_ns: 10,
             state_age_ns: Some(5),
@@ -286,7 +306,7 @@ mod tests {
             evaluation_ns,
             publishing_ns: 50,
         };
-        Tick { times, ..Default::default() }
+        TickRecord { times, ..Default::default() }
     }
 
     #[test]
@@ -295,16 +315,18 @@ mod tests {
         for i in 1..=1000_u64 {
             let reason = if i % 10 == 0 { Reason::StateStale } else { Reason::None };
             let skipped = if i == 1000 { 3 } else { 0 };
-            telemetry.record(&Tick { missed: i > 990, reason, skipped, ..tick(1000 * i) });
+            telemetry.record(&TickRecord { missed: i > 990, reason, skipped, ..tick(1000 * i) });
         }
-        telemetry.connected(37, 45_000);
-        telemetry.connected(20, 15_000);
-        let ending = Ending {
+        let mut connections = Connections::default();
+        connections.add(37, 45_000);
+        connections.add(20, 15_000);
+        let outcome = RunOutcome {
             life_cycle: LifeCycle::Done,
             allocations: 3,
+            connections,
             page_faults: Some(PageFaults { minor: 2, major: 1 }),
         };
-        let summary = telemetry.summary(&ending);
+        let summary = telemetry.summary(&outcome);
         assert_eq!(summary["life_cycle"], "Done");
         assert_eq!(summary["ticks"], 1000);
         assert_eq!(summary["deadline_misses"], 10);
@@ -333,8 +355,7 @@ mod tests {
         for i in 0..100_u64 {
             telemetry.record(&tick(i * 37 % 100 * 1000));
         }
-        let ending = Ending { life_cycle: LifeCycle::Running, allocations: 0, page_faults: None };
-        let summary = telemetry.summary(&ending);
+        let summary = telemetry.summary(&RUNNING);
         let worst = summary["worst_ticks"].as_array().unwrap();
         assert_eq!(worst.len(), WORST_TICKS);
         for (k, tick) in worst.iter().enumerate() {
@@ -355,9 +376,15 @@ mod tests {
             late.times.wake_up_ns = 5_000_000;
             telemetry.record(&late);
         }
-        let ending = Ending { life_cycle: LifeCycle::Running, allocations: 0, page_faults: None };
-        let summary = telemetry.summary(&ending);
+        let summary = telemetry.summary(&RUNNING);
         assert_eq!(summary["worst_ticks"][0]["wake_up_us"], 5000.0);
         assert_eq!(summary["longest_ticks"][0]["evaluation_us"], 500.0);
+    }
+
+    #[test]
+    fn the_shared_status_keeps_what_was_written() {
+        let status = SharedStatus::default();
+        status.write(LifeCycle::Holding, Reason::FramesStale);
+        assert_eq!(status.read(), (LifeCycle::Holding, Reason::FramesStale));
     }
 }

@@ -4,7 +4,7 @@
 //! somebody who commands the tool now and then.
 
 use tprmp_controller::timing::allocation::{self, CountingAllocator};
-use tprmp_controller::timing::pacing::Pace;
+use tprmp_controller::timing::pacing::Pacing;
 use tprmp_controller::timing::realtime::monotonic_ns;
 use tprmp_messages::{
     Instance, Obstacle, ObstacleKind, RobotState, StatePublisherPorts, TaskFrames, ToolCommand,
@@ -27,11 +27,11 @@ struct Publisher {
     commander: ToolCommandPort,
     state: RobotState,
     frames: TaskFrames,
-    pace: Pace,
+    pacing: Pacing,
 }
 
 impl Publisher {
-    fn new(setting: &Setting, instance: &Instance, pace: Pace) -> Self {
+    fn new(setting: &Setting, instance: &Instance, pacing: Pacing) -> Self {
         let (state, mut frames) = (setting.state(), setting.frames());
         frames.obstacle_count = 1;
         frames.obstacles[0] = Obstacle {
@@ -43,16 +43,16 @@ impl Publisher {
         };
         let ports = instance.open_state_publisher().unwrap();
         let commander = instance.open_tool_command().unwrap();
-        Self { ports, commander, state, frames, pace }
+        Self { ports, commander, state, frames, pacing }
     }
 
     /// Publishes the next state and frames, now and then faulty ones, and at times a command for the
     /// tool.
     fn publish(&mut self, step: u64) {
         let t = step as f64 * 1e-3;
-        let time_ns = match self.pace {
-            Pace::Lockstep => 1_000_000_000 + step * 1_000_000,
-            Pace::RealTime(_) => monotonic_ns(),
+        let time_ns = match self.pacing {
+            Pacing::Lockstep => 1_000_000_000 + step * 1_000_000,
+            Pacing::RealTime(_) => monotonic_ns(),
         };
         self.state.sequence += 1;
         self.frames.sequence += 1;
@@ -87,13 +87,13 @@ impl Publisher {
 fn run(
     name: &str,
     setting: &Setting,
-    pace: Pace,
+    pacing: Pacing,
     edit: impl FnOnce(&mut ControllerConfig),
     at_half_time: impl FnOnce(&Instance),
 ) -> Outcome {
     let instance = Instance::new(&format!("{name}-{}", std::process::id())).unwrap();
-    let mut publisher = Publisher::new(setting, &instance, pace);
-    let controller = Controller::start(setting, &instance, pace, edit);
+    let mut publisher = Publisher::new(setting, &instance, pacing);
+    let controller = Controller::start(setting, &instance, pacing, edit);
     let mut step = 0;
     let mut publish = |until: u64| {
         while step < until {
@@ -111,36 +111,36 @@ fn run(
     })
 }
 
-fn allocates_nothing(name: &str, setting: &Setting, pace: Pace) {
+fn allocates_nothing(name: &str, setting: &Setting, pacing: Pacing) {
     let spin = |config: &mut ControllerConfig| {
         config.cycle.period_ns = 250_000;
         config.cycle.spin_ns = 50_000;
         assert!(config.external.is_some(), "commands for the tool are listened to");
     };
-    let outcome = run(name, setting, pace, spin, |_| {});
+    let outcome = run(name, setting, pacing, spin, |_| {});
     assert!(outcome.ticks >= STATES, "{}", outcome.ticks);
-    assert_eq!(outcome.ending.allocations, 0);
-    assert_eq!((outcome.connections.count, outcome.connections.allocations), (0, 0));
+    assert_eq!(outcome.run.allocations, 0);
+    assert_eq!((outcome.run.connections.count, outcome.run.connections.allocations), (0, 0));
 }
 
 #[test]
 fn a_planar_skill_allocates_nothing() {
-    allocates_nothing("alloc-plane", &PLANE, Pace::Lockstep);
+    allocates_nothing("alloc-plane", &PLANE, Pacing::Lockstep);
 }
 
 #[test]
 fn an_arm_s_skill_allocates_nothing() {
-    allocates_nothing("alloc-poses", &POSES, Pace::Lockstep);
+    allocates_nothing("alloc-poses", &POSES, Pacing::Lockstep);
 }
 
 #[test]
 fn a_loop_on_each_state_allocates_nothing() {
-    allocates_nothing("alloc-on-state", &PLANE, Pace::RealTime(Trigger::OnState));
+    allocates_nothing("alloc-on-state", &PLANE, Pacing::RealTime(Trigger::OnState));
 }
 
 #[test]
 fn a_loop_on_its_schedule_allocates_nothing() {
-    allocates_nothing("alloc-periodic", &PLANE, Pace::RealTime(Trigger::Periodic));
+    allocates_nothing("alloc-periodic", &PLANE, Pacing::RealTime(Trigger::Periodic));
 }
 
 /// The negative control: what allocates is seen. A reader that appears is a real allocation inside
@@ -153,8 +153,8 @@ fn an_allocation_is_seen() {
 
     let mut reader = None;
     let appear = |instance: &Instance| reader = Some(instance.open_status().unwrap());
-    let outcome = run("alloc-control", &PLANE, Pace::Lockstep, |_| {}, appear);
-    assert!(outcome.connections.count >= 1, "{:?}", outcome.connections);
-    assert!(outcome.connections.allocations > 0, "{:?}", outcome.connections);
-    assert_eq!(outcome.ending.allocations, 0);
+    let outcome = run("alloc-control", &PLANE, Pacing::Lockstep, |_| {}, appear);
+    assert!(outcome.run.connections.count >= 1, "{:?}", outcome.run.connections);
+    assert!(outcome.run.connections.allocations > 0, "{:?}", outcome.run.connections);
+    assert_eq!(outcome.run.allocations, 0);
 }

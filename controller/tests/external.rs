@@ -7,7 +7,7 @@ use glam::DVec3;
 use nalgebra::SVector;
 use tprmp_controller::motion::limits::JointLimits;
 use tprmp_controller::startup;
-use tprmp_controller::timing::pacing::Pace;
+use tprmp_controller::timing::pacing::Pacing;
 use tprmp_messages::{
     CommandMode, Instance, JointCommand, LifeCycle, Obstacle, ObstacleKind, Reason, ToolCommand,
 };
@@ -55,7 +55,7 @@ fn run(
     let instance = Instance::new(&format!("{name}-{}", std::process::id())).unwrap();
     let ports = instance.open_state_publisher().unwrap();
     let commander = wish.map(|wish| (wish, instance.open_tool_command().unwrap()));
-    let controller = Controller::start(setting, &instance, Pace::Lockstep, edit);
+    let controller = Controller::start(setting, &instance, Pacing::Lockstep, edit);
     let (mut state, mut frames) = (setting.state(), setting.frames());
     frames.obstacle_count = u32::from(obstacle.is_some());
     frames.obstacles[0] = obstacle.unwrap_or_default();
@@ -82,10 +82,10 @@ fn run(
         state.time_ns += MS;
         assert!(ports.state.publish(state));
     });
-    assert_eq!(outcome.ending.allocations, 0);
-    assert_eq!(outcome.connections.allocations, 0);
+    assert_eq!(outcome.run.allocations, 0);
+    assert_eq!(outcome.run.connections.allocations, 0);
     assert!(outcome.ticks >= ticks);
-    let last_life_cycle = outcome.ending.life_cycle;
+    let last_life_cycle = outcome.run.life_cycle;
     Motion { commands, last_life_cycle, outcome }
 }
 

@@ -8,9 +8,9 @@ use proptest::prelude::*;
 use tprmp_controller::inputs::external::ExternalCommand;
 use tprmp_controller::inputs::scene::Scene;
 use tprmp_controller::inputs::state::{JointState, check_state};
+use tprmp_controller::motion::generator::{MotionGenerator, Setpoint};
 use tprmp_controller::motion::limits::JointLimits;
-use tprmp_controller::motion::{Motion, Setpoint};
-use tprmp_controller::policy::{Policy, Task, TaskParameters};
+use tprmp_controller::policy::{RobotPolicy, Task, TaskParameters};
 use tprmp_controller::startup;
 use tprmp_messages::{
     Frame, Obstacle, ObstacleKind, Reason, RobotState, TaskFrames, ToolCommand, name_bytes,
@@ -165,10 +165,10 @@ proptest! {
         };
         let loaded = startup::load_with(&config_path, edit, &[model], false).unwrap();
         let (chain, points) = startup::robot::<N>(&config_path, &loaded.config).unwrap();
-        let policy = Policy::new(chain, loaded.policies(), &points, &loaded.config);
+        let policy = RobotPolicy::new(chain, loaded.policies(), &points, &loaded.config);
         let chain = policy.chain();
         let limits = JointLimits::new(chain, &loaded.config.robot);
-        let mut motion = Motion::new(limits, &loaded.config);
+        let mut motion = MotionGenerator::new(limits, &loaded.config);
         let mut workspace = policy.workspace();
         let mut external = ExternalCommand::new(&loaded.config.external.unwrap());
         let names = ["start", "end"].map(|name| name_bytes(name).unwrap());
@@ -186,7 +186,7 @@ proptest! {
                 linear_velocity: [wish[0], wish[1], wish[2]],
                 angular_velocity: [wish[3], wish[4], wish[5]],
             };
-            external.take_in(&command, time_ns);
+            external.update(&command, time_ns);
             external.advance(time_ns, dt);
             let mut frames = TaskFrames {
                 time_ns,
@@ -230,7 +230,7 @@ proptest! {
     ) {
         let (config, chain) = shipped();
         let limits = JointLimits::new(&chain, &config.robot);
-        let mut motion = Motion::new(limits, &config);
+        let mut motion = MotionGenerator::new(limits, &config);
         let range = chain.position_upper() - chain.position_lower();
         let place = |fraction: &[f64; N]| chain.position_lower() + range.component_mul(&Joints::from(*fraction));
         let (mut q, mut qd) = (place(&start), Joints::zeros());
@@ -252,7 +252,7 @@ proptest! {
                 }
                 Event::Brake { seen } => motion.brake(&chain, seen.then_some(state), dt),
                 Event::Gap => {
-                    motion.lose_sight();
+                    motion.mark_stale();
                     motion.brake(&chain, Some(state), dt)
                 }
             };
@@ -274,7 +274,7 @@ proptest! {
     ) {
         let (config, chain) = shipped();
         let limits = JointLimits::new(&chain, &config.robot);
-        let mut motion = Motion::new(limits, &config);
+        let mut motion = MotionGenerator::new(limits, &config);
         let range = chain.position_upper() - chain.position_lower();
         let position = chain.position_lower() + range.component_mul(&Joints::from(start));
         let state = JointState { position, velocity };

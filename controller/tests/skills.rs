@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use nalgebra::SVector;
-use tprmp_controller::policy::{Policy, Task, TaskParameters, Workspace};
+use tprmp_controller::policy::{RobotPolicy, Task, TaskParameters, Workspace};
 use tprmp_controller::startup;
 use tprmp_model::controller_config::{Attractor, ControllerConfig};
 use tprmp_spatial::{MovingPose, Pose};
@@ -16,7 +16,7 @@ fn file(path: &str) -> PathBuf {
 }
 
 /// The planar robot with as many copies of one model as `beside` makes, and what `edit` changes.
-fn policy(beside: &[f64], edit: impl FnOnce(&mut ControllerConfig)) -> Policy<N> {
+fn policy(beside: &[f64], edit: impl FnOnce(&mut ControllerConfig)) -> RobotPolicy<N> {
     let config = file("config/controllers/planar.ron");
     let models = vec![file("learner/tests/golden/canonical_plane.ron"); 1 + beside.len()];
     let edit = |config: &mut ControllerConfig| {
@@ -32,7 +32,7 @@ fn policy(beside: &[f64], edit: impl FnOnce(&mut ControllerConfig)) -> Policy<N>
     };
     let loaded = startup::load_with(&config, edit, &models, false).unwrap();
     let (chain, points) = startup::robot::<N>(&config, &loaded.config).unwrap();
-    Policy::new(chain, loaded.policies(), &points, &loaded.config)
+    RobotPolicy::new(chain, loaded.policies(), &points, &loaded.config)
 }
 
 /// Start and goal frame of the skill, the goal displaced.
@@ -42,7 +42,7 @@ fn frames(displacement: DVec3) -> [MovingPose; 2] {
 }
 
 fn acceleration(
-    policy: &Policy<N>,
+    policy: &RobotPolicy<N>,
     frames: &[MovingPose],
     workspace: &mut Workspace<N>,
 ) -> SVector<f64, N> {
@@ -52,7 +52,7 @@ fn acceleration(
     policy.evaluate(&q, &qd, &Task::Skill, &parameters, workspace).unwrap().acceleration
 }
 
-fn asked(policy: &Policy<N>, frames: &[MovingPose]) -> SVector<f64, N> {
+fn asked(policy: &RobotPolicy<N>, frames: &[MovingPose]) -> SVector<f64, N> {
     acceleration(policy, frames, &mut policy.workspace())
 }
 

@@ -62,7 +62,7 @@ class LifeCycle(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why the controller is not following its policy, or why that leads nowhere."""
+    """Why the controller does not follow its policy, or makes no progress with it."""
 
     NONE = 0
     STATE_STALE = 1

@@ -1,6 +1,6 @@
 //! Starts the real processes, in folders and instances of a test's own.
 
-use std::fmt::Write;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -18,14 +18,18 @@ pub(crate) fn file(path: &str) -> String {
     root().join(path).to_str().expect("the repository's path is UTF-8").into()
 }
 
-/// A program that `make build` or `make venv` made.
+/// A program that `make build` or `make venv` made, or an example that comes with the tests.
 pub(crate) fn program(name: &str) -> Command {
     let profile = std::env::current_exe().expect("a test has a path");
     let path = match name {
-        "sim-bridge" => root().join("target/venv/bin/sim-bridge"),
+        "sim-bridge" | "python" => root().join("target/venv/bin").join(name),
         name => profile.ancestors().nth(2).expect("target/<profile>/deps/<test>").join(name),
     };
-    assert!(path.exists(), "{} is missing: run `make build venv` first", path.display());
+    assert!(
+        path.exists(),
+        "{} is missing: run `make build venv` and `cargo build --release --workspace --examples` first",
+        path.display()
+    );
     let mut command = Command::new(path);
     command.current_dir(root()).stdin(Stdio::null());
     command
@@ -53,9 +57,16 @@ pub(crate) fn finish(mut child: Child) -> Output {
 
 /// All that a process said.
 pub(crate) fn text(output: &Output) -> String {
-    let mut text = String::from_utf8_lossy(&output.stdout).into_owned();
-    let _ = write!(text, "{}", String::from_utf8_lossy(&output.stderr));
-    text
+    let [out, error] = [&output.stdout, &output.stderr].map(|said| String::from_utf8_lossy(said));
+    format!("{out}{error}")
+}
+
+/// Reports a test that this machine cannot run, past what hides the output of tests; where it has to be
+/// able to, the test fails.
+pub(crate) fn skip(why: &str) {
+    let required = std::env::var("TPRMP_REQUIRE_REALTIME").is_ok_and(|value| value == "1");
+    assert!(!required, "TPRMP_REQUIRE_REALTIME=1, but {why}");
+    let _ = writeln!(std::io::stderr(), "skipped: {why}");
 }
 
 /// An empty folder and an instance name of this test's own.

@@ -4,6 +4,7 @@
 mod bad_input;
 mod command;
 mod common;
+mod examples;
 mod faults;
 mod lockstep;
 mod realtime;

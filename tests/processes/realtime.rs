@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use tprmp_messages::Instance;
 
-use crate::common::{Place, file, finish, json, program, run, text};
+use crate::common::{Place, file, finish, json, program, run, skip, text};
 use crate::robot::{Robot, signal, start, stop_live};
 
 /// The system calls of a controller's loop while it runs, by `strace`; `None` where it cannot look.
@@ -19,7 +19,7 @@ fn system_calls(robot: &mut Robot, process: u32) -> Option<Vec<String>> {
     let mut tracer = match tracer {
         Ok(tracer) => tracer,
         Err(error) => {
-            println!("skipped: strace cannot be started: {error}");
+            skip(&format!("strace cannot be started: {error}"));
             return None;
         }
     };
@@ -27,7 +27,7 @@ fn system_calls(robot: &mut Robot, process: u32) -> Option<Vec<String>> {
         robot.live();
     }
     if tracer.try_wait().unwrap().is_some() {
-        println!("skipped: strace cannot look: {}", text(&finish(tracer)));
+        skip(&format!("strace cannot look: {}", text(&finish(tracer))));
         return None;
     }
     signal(&tracer, "-INT");
@@ -89,7 +89,7 @@ fn a_hundred_thousand_ticks_meet_no_page_fault_and_allocate_nothing() {
     assert!(summary["ticks"].as_u64().unwrap() >= 100_000, "{summary}");
     assert_eq!(summary["allocations"], 0, "{summary}");
     if said.contains("memory is not locked") {
-        println!("skipped: page faults are promised with locked memory only: {said}");
+        skip(&format!("page faults are promised with locked memory only: {said}"));
         return;
     }
     assert_eq!(summary["page_faults"]["minor"], 0, "{summary}");

@@ -10,39 +10,6 @@ use crate::messages::{
 /// How far a quaternion's length may be from one.
 pub const QUATERNION_TOLERANCE: f64 = 1e-3;
 
-/// What is wrong with a state.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum StateFault {
-    /// Another number of joints than the robot's.
-    JointCount,
-    /// A number is not finite.
-    NotFinite,
-}
-
-/// What is wrong with a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FrameFault {
-    /// It is not among the published frames.
-    Absent,
-    /// It is marked invalid.
-    Invalid,
-    /// A number is not finite.
-    NotFinite,
-    /// The quaternion is not of unit length.
-    NotUnit,
-}
-
-/// What is wrong with an obstacle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ObstacleFault {
-    /// Its kind, its mark or its size is none that there is, or there are more than a message carries.
-    Unknown,
-    /// A number is not finite.
-    NotFinite,
-    /// The quaternion is not of unit length.
-    NotUnit,
-}
-
 /// A name that no message carries; as text, what was expected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NameFault;
@@ -53,34 +20,7 @@ impl fmt::Display for NameFault {
     }
 }
 
-impl From<StateFault> for Reason {
-    fn from(fault: StateFault) -> Self {
-        match fault {
-            StateFault::JointCount => Self::JointCount,
-            StateFault::NotFinite => Self::StateNotFinite,
-        }
-    }
-}
-
-impl From<FrameFault> for Reason {
-    fn from(fault: FrameFault) -> Self {
-        match fault {
-            FrameFault::Absent | FrameFault::Invalid => Self::FrameMissing,
-            FrameFault::NotFinite => Self::FrameNotFinite,
-            FrameFault::NotUnit => Self::QuaternionNotUnit,
-        }
-    }
-}
-
-impl From<ObstacleFault> for Reason {
-    fn from(fault: ObstacleFault) -> Self {
-        match fault {
-            ObstacleFault::Unknown => Self::ObstacleUnknown,
-            ObstacleFault::NotFinite => Self::FrameNotFinite,
-            ObstacleFault::NotUnit => Self::QuaternionNotUnit,
-        }
-    }
-}
+impl std::error::Error for NameFault {}
 
 fn finite<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
     values.into_iter().all(|value| value.is_finite())
@@ -91,17 +31,20 @@ fn is_unit([w, x, y, z]: [f64; 4]) -> bool {
     ((x * x + y * y + z * z + w * w).sqrt() - 1.0).abs() <= QUATERNION_TOLERANCE
 }
 
+fn check(holds: bool, reason: Reason) -> Result<(), Reason> {
+    if holds { Ok(()) } else { Err(reason) }
+}
+
 impl RobotState {
     /// The positions of `joints` joints \[rad or m\].
     ///
     /// # Errors
     /// When it has another number of them, or one is not finite.
-    pub fn check_positions(&self, joints: usize) -> Result<&[f64], StateFault> {
-        if self.joint_count as usize != joints {
-            return Err(StateFault::JointCount);
-        }
+    pub fn check_positions(&self, joints: usize) -> Result<&[f64], Reason> {
+        check(self.joint_count as usize == joints, Reason::JointCount)?;
         let position = &self.position[..joints];
-        finite(position).then_some(position).ok_or(StateFault::NotFinite)
+        check(finite(position), Reason::StateNotFinite)?;
+        Ok(position)
     }
 
     /// The positions and velocities of `joints` joints \[rad or m, rad/s or m/s\]; the torques are
@@ -109,12 +52,11 @@ impl RobotState {
     ///
     /// # Errors
     /// As [`Self::check_positions`].
-    pub fn check(&self, joints: usize) -> Result<[&[f64]; 2], StateFault> {
+    pub fn check(&self, joints: usize) -> Result<[&[f64]; 2], Reason> {
         let position = self.check_positions(joints)?;
         let (velocity, torque) = (&self.velocity[..joints], &self.torque[..joints]);
-        finite(velocity.iter().chain(torque))
-            .then_some([position, velocity])
-            .ok_or(StateFault::NotFinite)
+        check(finite(velocity.iter().chain(torque)), Reason::StateNotFinite)?;
+        Ok([position, velocity])
     }
 }
 
@@ -123,54 +65,55 @@ impl TaskFrames {
     ///
     /// # Errors
     /// When there are more of them than a message carries.
-    pub fn listed(&self) -> Result<&[Frame], FrameFault> {
-        self.frames.get(..self.frame_count as usize).ok_or(FrameFault::Absent)
+    pub fn listed(&self) -> Result<&[Frame], Reason> {
+        self.frames.get(..self.frame_count as usize).ok_or(Reason::FrameMissing)
     }
 
     /// The obstacles that are there.
     ///
     /// # Errors
     /// When more are in use than a message carries.
-    pub fn present(&self) -> Result<impl Iterator<Item = &Obstacle>, ObstacleFault> {
-        let listed =
-            self.obstacles.get(..self.obstacle_count as usize).ok_or(ObstacleFault::Unknown)?;
-        Ok(listed.iter().filter(|obstacle| obstacle.valid != 0))
+    pub fn present(&self) -> Result<impl Iterator<Item = &Obstacle>, Reason> {
+        let listed = self.obstacles.get(..self.obstacle_count as usize);
+        Ok(listed.ok_or(Reason::ObstacleUnknown)?.iter().filter(|obstacle| obstacle.valid != 0))
     }
 }
 
 impl Frame {
-    /// The frame of this name among `frames`, a valid one where there are several.
+    /// A valid frame at rest at `position` \[m\], not rotated.
     ///
     /// # Errors
-    /// When there is none, or none is valid.
-    pub fn find<'a>(
-        frames: &'a [Self],
-        name: &[u8; NAME_CAPACITY],
-    ) -> Result<&'a Self, FrameFault> {
-        let mut named = frames.iter().filter(|frame| frame.name == *name).peekable();
-        let missing = if named.peek().is_some() { FrameFault::Invalid } else { FrameFault::Absent };
-        named.find(|frame| frame.valid == 1).ok_or(missing)
+    /// When no message carries the name.
+    pub fn at(name: &str, position: [f64; 3]) -> Result<Self, NameFault> {
+        let (name, quaternion) = (name_bytes(name)?, [1.0, 0.0, 0.0, 0.0]);
+        Ok(Self { name, valid: 1, position, quaternion, ..Default::default() })
+    }
+
+    /// The frame of this name among `frames`, a valid one where there are several.
+    #[must_use]
+    pub fn find<'a>(frames: &'a [Self], name: &[u8; NAME_CAPACITY]) -> Option<&'a Self> {
+        let named = || frames.iter().filter(|frame| frame.name == *name);
+        named().find(|frame| frame.valid == 1).or_else(|| named().next())
     }
 
     /// Whether its pose can be used.
     ///
     /// # Errors
-    /// When a number of it is not finite, or the quaternion is not of unit length.
-    pub fn check_pose(&self) -> Result<(), FrameFault> {
-        if !finite(self.position.iter().chain(&self.quaternion)) {
-            return Err(FrameFault::NotFinite);
-        }
-        is_unit(self.quaternion).then_some(()).ok_or(FrameFault::NotUnit)
+    /// When it is marked invalid, a number is not finite, or the quaternion is not of unit length.
+    pub fn check_pose(&self) -> Result<(), Reason> {
+        check(self.valid == 1, Reason::FrameMissing)?;
+        check(finite(self.position.iter().chain(&self.quaternion)), Reason::FrameNotFinite)?;
+        check(is_unit(self.quaternion), Reason::QuaternionNotUnit)
     }
 
     /// Whether its pose and velocities can be used.
     ///
     /// # Errors
     /// As [`Self::check_pose`].
-    pub fn check(&self) -> Result<(), FrameFault> {
-        if !finite(self.linear_velocity.iter().chain(&self.angular_velocity)) {
-            return Err(FrameFault::NotFinite);
-        }
+    pub fn check(&self) -> Result<(), Reason> {
+        let velocity = self.linear_velocity.iter().chain(&self.angular_velocity);
+        check(self.valid == 1, Reason::FrameMissing)?;
+        check(finite(velocity), Reason::FrameNotFinite)?;
         self.check_pose()
     }
 }
@@ -180,29 +123,24 @@ impl Obstacle {
     /// sides: the length of its quaternion does not matter.
     ///
     /// # Errors
-    /// What is wrong with it.
-    pub fn check(&self) -> Result<ObstacleKind, ObstacleFault> {
-        if self.valid != 1 {
-            return Err(ObstacleFault::Unknown);
-        }
-        if !finite(self.quaternion.iter().chain(&self.size)) {
-            return Err(ObstacleFault::NotFinite);
-        }
-        let kind = ObstacleKind::from_wire(self.kind).ok_or(ObstacleFault::Unknown)?;
+    /// When its mark, kind or size is none that there is, a number is not finite, or the quaternion is
+    /// not of unit length.
+    pub fn check(&self) -> Result<ObstacleKind, Reason> {
+        check(self.valid == 1, Reason::ObstacleUnknown)?;
+        check(finite(self.quaternion.iter().chain(&self.size)), Reason::FrameNotFinite)?;
+        let kind = ObstacleKind::from_wire(self.kind).ok_or(Reason::ObstacleUnknown)?;
         let sizes = match kind {
             ObstacleKind::HalfSpace => 0,
             ObstacleKind::Sphere => 1,
             ObstacleKind::Capsule => 2,
             ObstacleKind::Box => 3,
         };
-        if self.size[..sizes].iter().any(|size| *size < 0.0) {
-            return Err(ObstacleFault::Unknown);
-        }
-        if kind != ObstacleKind::Sphere && !is_unit(self.quaternion) {
-            return Err(ObstacleFault::NotUnit);
-        }
+        check(self.size[..sizes].iter().all(|size| *size >= 0.0), Reason::ObstacleUnknown)?;
+        let turns = kind != ObstacleKind::Sphere;
+        check(!turns || is_unit(self.quaternion), Reason::QuaternionNotUnit)?;
         let motion = [self.position, self.linear_velocity, self.angular_velocity];
-        finite(motion.as_flattened()).then_some(kind).ok_or(ObstacleFault::NotFinite)
+        check(finite(motion.as_flattened()), Reason::FrameNotFinite)?;
+        Ok(kind)
     }
 }
 
@@ -251,8 +189,9 @@ mod tests {
         let frame = |name, valid| Frame { name, valid, ..Default::default() };
         let frames = [frame(one, 0), frame(one, 1), frame(other, 2)];
         assert!(core::ptr::eq(Frame::find(&frames, &one).unwrap(), &frames[1]));
-        assert_eq!(Frame::find(&frames, &other).map(|_| ()), Err(FrameFault::Invalid));
-        assert_eq!(Frame::find(&frames[..2], &other).map(|_| ()), Err(FrameFault::Absent));
+        let unknown = Frame::find(&frames, &other).unwrap();
+        assert_eq!(unknown.check(), Err(Reason::FrameMissing));
+        assert!(Frame::find(&frames[..2], &other).is_none());
     }
 
     #[test]
@@ -260,9 +199,9 @@ mod tests {
         let mut state = RobotState { joint_count: 2, ..Default::default() };
         state.position[2] = f64::NAN;
         assert!(state.check(2).is_ok(), "what is beyond the joints does not count");
-        assert_eq!(state.check(3), Err(StateFault::JointCount));
+        assert_eq!(state.check(3), Err(Reason::JointCount));
         state.torque[1] = f64::INFINITY;
-        assert_eq!(state.check(2), Err(StateFault::NotFinite));
+        assert_eq!(state.check(2), Err(Reason::StateNotFinite));
         assert!(state.check_positions(2).is_ok());
     }
 }

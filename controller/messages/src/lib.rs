@@ -1,9 +1,8 @@
 //! The shared-memory messages of tprmp and the services that carry them.
 //!
 //! Five publish-subscribe services an instance, each with one publisher, up to eight subscribers
-//! and only the newest message kept, so that a reader always gets the newest and a slow reader
-//! never holds the writer up (of states and statuses the newest [`OBSERVER_BUFFER`] are kept for
-//! an observer):
+//! and only the newest message kept: a reader always gets the newest, and a slow reader never blocks
+//! the writer. Of states and statuses the newest [`OBSERVER_BUFFER`] are kept for an observer.
 //!
 //! | service                          | message              | from              | to         |
 //! |----------------------------------|----------------------|-------------------|------------|
@@ -13,7 +12,7 @@
 //! | `<instance>/controller_status/v1`| [`ControllerStatus`] | controller        | anyone     |
 //! | `<instance>/tool_command/v1`     | [`ToolCommand`]      | whoever commands  | controller |
 //!
-//! The last one is there only while somebody commands, or a controller listens.
+//! The last one exists only while somebody commands, or a controller listens.
 //!
 //! Conventions: SI units, quaternions `w, x, y, z`, poses and velocities expressed in the robot's
 //! base frame `B`, times on `CLOCK_MONOTONIC` in nanoseconds (a lockstep publisher may use its own
@@ -22,21 +21,15 @@
 //! iceoryx2 compares only type name, size and alignment when a service is opened: the version
 //! stands in the type name, padding is explicit and every offset is asserted in [`layout`].
 //!
-//! A state publisher, whole:
+//! A state publisher (`examples/state_publisher.rs` is one that moves):
 //!
 //! ```
-//! use tprmp_messages::{Frame, Instance, RobotState, TaskFrames, name_bytes};
+//! use tprmp_messages::{Frame, Instance, RobotState, TaskFrames};
 //!
 //! let ports = Instance::new("readme-example")?.open_state_publisher()?;
 //! let mut state = RobotState { joint_count: 2, ..Default::default() };
 //! let mut frames = TaskFrames { frame_count: 1, ..Default::default() };
-//! frames.frames[0] = Frame {
-//!     name: name_bytes("end").expect("a short name"),
-//!     valid: 1,
-//!     position: [2.0, 1.0, 0.0],
-//!     quaternion: [1.0, 0.0, 0.0, 0.0],
-//!     ..Default::default()
-//! };
+//! frames.frames[0] = Frame::at("end", [2.0, 1.0, 0.0])?;
 //! for tick in 1..=3 {
 //!     state.sequence = tick;
 //!     frames.sequence = tick;
@@ -47,7 +40,7 @@
 //!         println!("apply {:?} N m", command.torque); // until command.expiry_ns, then brake
 //!     }
 //! }
-//! # Ok::<(), tprmp_messages::ServiceError>(())
+//! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 mod checks;
@@ -56,9 +49,7 @@ mod messages;
 mod services;
 mod stop;
 
-pub use checks::{
-    FrameFault, NameFault, ObstacleFault, QUATERNION_TOLERANCE, StateFault, name_bytes, name_str,
-};
+pub use checks::{NameFault, QUATERNION_TOLERANCE, name_bytes, name_str};
 pub use layout::{FieldLayout, LAYOUT};
 pub use messages::{
     CommandMode, ControllerStatus, FRAME_CAPACITY, Frame, GripperCommand, GripperState,

@@ -79,8 +79,8 @@ pub struct Frame {
 pub struct Obstacle {
     /// What `size` means: an [`ObstacleKind`].
     pub kind: u32,
-    /// 1 when the obstacle is there, 0 when it is not. One that was lost from sight is still there:
-    /// publish its last pose.
+    /// 1 when the obstacle is there, 0 when it is not. One that is not measured any more is still
+    /// there: publish its last pose.
     pub valid: u32,
     /// Centre; of a half-space, a point on its surface \[m\].
     pub position: [f64; 3],
@@ -117,7 +117,7 @@ pub struct JointCommand {
     pub gripper_command: u32,
     /// Number of joints in use, the first ones of each array.
     pub joint_count: u32,
-    /// A [`Reason`]: why the controller is not following its policy or not getting on with it.
+    /// A [`Reason`]: why the controller does not follow its policy, or makes no progress with it.
     pub reason: u32,
     /// Desired positions, integrated \[rad or m\].
     pub position: [f64; JOINT_CAPACITY],
@@ -131,17 +131,17 @@ pub struct JointCommand {
     pub gravity_torque: [f64; JOINT_CAPACITY],
 }
 
-/// A velocity of the tool that somebody outside wishes for: a joystick, a hand-guiding device, another
-/// planner. From whoever commands to a controller whose configuration listens.
+/// A desired velocity of the tool: from teleoperation, hand guiding or another planner, to a controller
+/// whose configuration listens.
 ///
-/// A wish beside the skill, never a state: one that is faulty, or older than the controller permits, is
-/// passed over. Zeros ask for a tool that stands still; to let go, stop publishing.
+/// It acts beside the skill and is no state: one that is faulty, or older than the controller permits,
+/// is ignored. Zeros ask for a tool at rest; to let go, stop publishing.
 #[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
 #[type_name("ToolCommandV1")]
 #[repr(C)]
 pub struct ToolCommand {
-    /// Counts up by at least one from message to message; who begins while no other command is alive
-    /// may begin anywhere.
+    /// Counts up by at least one from message to message; a publisher that begins while no other command
+    /// is fresh may begin anywhere.
     pub sequence: u64,
     /// When the command was given \[ns\], on the clock of [`RobotState::time_ns`].
     pub time_ns: u64,
@@ -172,7 +172,7 @@ pub struct ControllerStatus {
     pub skipped_periods: u64,
     /// Heap allocations inside the loop, so far, without those of `connections`.
     pub allocations: u64,
-    /// How often a peer that appeared had to be connected to inside the loop, so far.
+    /// How often a new peer had to be connected to inside the loop, so far.
     pub connections: u64,
     /// Period of the loop \[ns\].
     pub period_ns: u64,
@@ -273,11 +273,11 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// Why the controller is not following its policy, or why following it leads nowhere. Each of
-    /// the former has one safe action: decelerate to rest in bounded time and hold, then ramp in
-    /// again once the cause has gone.
+    /// Why the controller does not follow its policy, or makes no progress with it. Each of the former
+    /// has one safe action: decelerate to rest in bounded time and hold, then fade in again once the
+    /// cause has gone.
     Reason {
-        /// It is following it.
+        /// It follows it.
         #[default]
         None = 0,
         /// The newest state is older than its limit.

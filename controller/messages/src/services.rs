@@ -120,7 +120,7 @@ impl Instance {
         Ok(Self { name: name.into(), config })
     }
 
-    /// Takes away what iceoryx2 leaves of an instance without nodes: a counter of 16 bytes in
+    /// Removes what iceoryx2 leaves of an instance without nodes: a counter of 16 bytes in
     /// shared memory and empty folders. A folder that is in use is not empty, and stays.
     fn remove_leftovers(&self) {
         let root = PathBuf::from(self.config.global.root_path().to_string());
@@ -273,8 +273,8 @@ impl Instance {
         })
     }
 
-    /// Opens the side of somebody who only wants to know how the controller is doing, whether it is
-    /// there or not.
+    /// Opens the side of somebody who only reads how the controller is doing, whether it is there or
+    /// not.
     ///
     /// # Errors
     /// See [`ServiceError`].
@@ -331,7 +331,7 @@ impl<M: Debug + ZeroCopySend + Copy + 'static> Publisher<M> {
         }
     }
 
-    /// Connects to subscribers that appeared: costs allocations, so it is called in the slack of
+    /// Connects to new subscribers: costs allocations, so it is called in the slack of
     /// a cycle. `false` when a connection failed.
     #[must_use]
     pub fn update_connections(&self) -> bool {
@@ -346,15 +346,15 @@ pub struct Subscriber<M: Debug + ZeroCopySend + 'static>(
 );
 
 impl<M: Debug + ZeroCopySend + 'static> Subscriber<M> {
-    /// The oldest message that is kept and was not received yet, as a view into shared memory;
-    /// where one is kept, it is the newest. An error of the connection counts as no message: liveness is judged by the age of
-    /// the last one.
+    /// The oldest message that is kept and was not received yet, as a view into shared memory; where
+    /// one is kept, it is the newest. An error of the connection counts as no message: liveness is judged
+    /// by the age of the last one.
     #[must_use]
     pub fn receive(&self) -> Option<Sample<M>> {
         self.0.receive().ok().flatten()
     }
 
-    /// Connects to a publisher that appeared: costs allocations, so it is called in the slack of a
+    /// Connects to a new publisher: costs allocations, so it is called in the slack of a
     /// cycle. `false` when a connection failed.
     #[must_use]
     pub fn update_connections(&self) -> bool {
@@ -389,7 +389,7 @@ pub struct ControllerPorts {
     pub command: Publisher<JointCommand>,
     /// Status of the controller.
     pub status: Publisher<ControllerStatus>,
-    /// Newest wish of somebody outside; `None` for a controller that does not listen.
+    /// Newest external command; `None` for a controller that does not listen.
     pub tool_command: Option<Subscriber<ToolCommand>>,
     node: NodeGuard,
 }
@@ -405,7 +405,7 @@ impl ControllerPorts {
         Ok(())
     }
 
-    /// Connects to whoever has appeared. Costs nothing when nobody has. `false` when a connection
+    /// Connects to new peers. Costs nothing when there are none. `false` when a connection
     /// failed.
     #[must_use]
     pub fn update_connections(&self) -> bool {
@@ -444,7 +444,7 @@ pub struct ObserverPorts {
 /// The port of somebody who commands the tool. Dropped, it leaves no files behind.
 #[derive(Debug)]
 pub struct ToolCommandPort {
-    /// Wished velocities.
+    /// Desired velocities.
     pub command: Publisher<ToolCommand>,
     _node: NodeGuard,
 }
@@ -551,8 +551,8 @@ mod tests {
     }
 
     #[test]
-    fn a_controller_hears_commands_only_when_it_listens_and_from_one_only() {
-        let instance = instance("wish");
+    fn a_controller_receives_commands_only_when_it_listens_and_from_one_only() {
+        let instance = instance("external");
         let mut controller = instance.open_controller().unwrap();
         assert!(controller.tool_command.is_none());
         let commander = instance.open_tool_command().unwrap();
@@ -562,12 +562,12 @@ mod tests {
         send(1);
         controller.listen().unwrap();
         send(2);
-        let heard = controller.tool_command.as_ref().unwrap();
-        assert_eq!(heard.receive().unwrap().sequence, 2);
+        let listener = controller.tool_command.as_ref().unwrap();
+        assert_eq!(listener.receive().unwrap().sequence, 2);
         let error = instance.open_tool_command().unwrap_err();
         assert!(matches!(error, ServiceError::SecondPublisher(_)), "{error}");
         send(3);
-        assert_eq!(heard.receive().unwrap().sequence, 3, "the first one goes on");
+        assert_eq!(listener.receive().unwrap().sequence, 3, "the first one goes on");
         drop(commander);
         assert!(instance.open_tool_command().is_ok());
     }

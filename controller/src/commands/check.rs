@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use tprmp_messages::{SHARED_MEMORY_MIN_BYTES, free_shared_memory_bytes};
-use tprmp_model::controller_config::{self, ControllerConfig, Grant, RealTime};
+use tprmp_model::controller_config::{self, Capability, ControllerConfig, RealTime};
 use tprmp_model::skill_model::SkillModel;
 use tprmp_robot::{Chain, ControlPoints, Ignored, SelfPairs};
 
@@ -19,7 +19,7 @@ use crate::timing::realtime;
 pub fn check(config_path: &Path, model_paths: &[PathBuf]) -> Result<(), StartError> {
     let config = controller_config::read(config_path)?;
     line("ok", "configuration", &config_path.display().to_string());
-    startup::with_robot(config_path, &config, Describe { config_path, config: &config })?;
+    startup::with_robot(config_path, &config, Describe { config_path, config: &config })??;
     if !model_paths.is_empty() {
         let loaded = startup::load(config_path, model_paths, true)?;
         for (path, skill) in model_paths.iter().zip(&loaded.skills) {
@@ -62,7 +62,7 @@ struct Describe<'a> {
 }
 
 impl WithRobot for Describe<'_> {
-    type Output = ();
+    type Output = Result<(), StartError>;
 
     fn call<const N: usize>(self) -> Result<(), StartError> {
         let (chain, points) = startup::robot::<N>(self.config_path, self.config)?;
@@ -124,7 +124,7 @@ fn list_pairs<const N: usize>(chain: &Chain<N>, pairs: &SelfPairs) {
 
 /// Tries on this thread what the loop would ask for, and looks at what it depends on.
 fn check_machine(config: &ControllerConfig) {
-    check_grants(&config.real_time);
+    check_capabilities(&config.real_time);
     let free = free_shared_memory_bytes();
     if free >= SHARED_MEMORY_MIN_BYTES {
         line("ok", "shared memory", &format!("{} MiB free in /dev/shm", free >> 20));
@@ -171,7 +171,7 @@ fn check_machine(config: &ControllerConfig) {
 }
 
 /// Asks for everything that a loop could want, whether this configuration wants it or not.
-fn check_grants(config: &RealTime) {
+fn check_capabilities(config: &RealTime) {
     let wanted = RealTime {
         fifo_priority: config.fifo_priority.or(Some(80)),
         lock_memory: true,
@@ -181,24 +181,24 @@ fn check_grants(config: &RealTime) {
     let granted = realtime::set_up(&wanted);
     let core = wanted.cpu.map(|cpu| format!("the loop may be kept on core {cpu}"));
     let priority = wanted.fifo_priority.unwrap_or_default();
-    for (grant, what, good) in [
+    for (capability, what, good) in [
         (
-            Grant::FifoPriority,
+            Capability::FifoPriority,
             "scheduling",
             Some(format!("SCHED_FIFO priority {priority} is granted")),
         ),
-        (Grant::Cpu, "core", core),
-        (Grant::LockMemory, "locked memory", Some("mlockall is granted".into())),
+        (Capability::Cpu, "core", core),
+        (Capability::LockMemory, "locked memory", Some("mlockall is granted".into())),
         (
-            Grant::CpuLatency,
+            Capability::CpuLatency,
             "core sleep",
             Some("/dev/cpu_dma_latency may be held: cores do not sleep deeply".into()),
         ),
     ] {
-        let refusal = granted.refused.iter().find(|refusal| refusal.grant == grant);
-        let required = if config.required.contains(&grant) { "required, but " } else { "" };
-        match (refusal, good) {
-            (Some(refusal), _) => line("lack", what, &format!("{required}{refusal}")),
+        let denied = granted.denied.iter().find(|denied| denied.capability == capability);
+        let required = if config.required.contains(&capability) { "required, but " } else { "" };
+        match (denied, good) {
+            (Some(denied), _) => line("lack", what, &format!("{required}{denied}")),
             (None, Some(good)) => line("ok", what, &good),
             (None, None) => {}
         }

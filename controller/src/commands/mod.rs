@@ -1,7 +1,8 @@
-//! What the command line offers beside the loop.
+//! What the command line offers.
 
 pub mod check;
 pub mod monitor;
 pub mod overrides;
+pub mod run;
 pub mod soak;
 pub mod top;

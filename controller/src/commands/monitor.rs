@@ -1,43 +1,23 @@
-//! Tells the user what the loop is doing, from a thread of its own: the loop only stores numbers.
+//! Shows the user what the loop is doing, from a thread of its own: the loop only stores numbers.
 
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use tprmp_messages::{LifeCycle, Reason};
 
+use crate::telemetry::SharedStatus;
+
 /// How often the monitor looks.
 const PERIOD: Duration = Duration::from_millis(100);
 /// A reason shorter than this many looks is not worth a line: 0.3 s.
 const LOOKS_MIN: u32 = 3;
 
-/// What the loop last said about itself. Written by the loop without a lock.
-#[derive(Debug, Default)]
-pub struct Board {
-    life_cycle: AtomicU32,
-    reason: AtomicU32,
-    closed: AtomicBool,
-}
-
-impl Board {
-    /// Stores life cycle and reason. No lock, no allocation.
-    pub fn write(&self, life_cycle: LifeCycle, reason: Reason) {
-        self.life_cycle.store(life_cycle.to_wire(), Ordering::Relaxed);
-        self.reason.store(reason.to_wire(), Ordering::Relaxed);
-    }
-
-    fn read(&self) -> (LifeCycle, Reason) {
-        let life_cycle = LifeCycle::from_wire(self.life_cycle.load(Ordering::Relaxed));
-        let reason = Reason::from_wire(self.reason.load(Ordering::Relaxed));
-        (life_cycle.unwrap_or_default(), reason.unwrap_or_default())
-    }
-}
-
 /// A thread that prints every change that lasts.
 #[derive(Debug)]
 pub struct Monitor {
-    board: Arc<Board>,
+    closed: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -45,29 +25,30 @@ impl Monitor {
     /// Starts the thread. It inherits nothing of the loop's priority when it is started before
     /// that is set.
     #[must_use]
-    pub fn start(board: Arc<Board>) -> Self {
-        let watched = Arc::clone(&board);
-        Self { board, thread: Some(thread::spawn(move || watch(&watched))) }
+    pub fn start(status: Arc<SharedStatus>) -> Self {
+        let closed = Arc::new(AtomicBool::new(false));
+        let watched = Arc::clone(&closed);
+        Self { closed, thread: Some(thread::spawn(move || watch(&status, &watched))) }
     }
 }
 
 impl Drop for Monitor {
     fn drop(&mut self) {
-        self.board.closed.store(true, Ordering::Relaxed);
+        self.closed.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
     }
 }
 
-fn watch(board: &Board) {
-    let (mut told, mut seen, mut looks) = (None, None, 0);
-    while !board.closed.load(Ordering::Relaxed) {
-        let now = board.read();
+fn watch(status: &SharedStatus, closed: &AtomicBool) {
+    let (mut printed, mut seen, mut looks) = (None, None, 0);
+    while !closed.load(Ordering::Relaxed) {
+        let now = status.read();
         looks = if seen == Some(now) { looks + 1 } else { 0 };
         seen = Some(now);
-        if looks >= LOOKS_MIN && told != Some(now) {
-            told = Some(now);
+        if looks >= LOOKS_MIN && printed != Some(now) {
+            printed = Some(now);
             eprintln!("controller: {}", describe(now.0, now.1));
         }
         thread::sleep(PERIOD);
@@ -120,12 +101,5 @@ mod tests {
         sentences.sort();
         sentences.dedup();
         assert_eq!(sentences.len(), Reason::ALL.len());
-    }
-
-    #[test]
-    fn the_board_keeps_what_was_written() {
-        let board = Board::default();
-        board.write(LifeCycle::Holding, Reason::FramesStale);
-        assert_eq!(board.read(), (LifeCycle::Holding, Reason::FramesStale));
     }
 }

@@ -9,14 +9,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use clap::Args;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 use thiserror::Error;
-use tprmp_messages::{ControllerStatus, Instance, Reason, StatusPort, stop_flag};
-
-use crate::startup::StartError;
+use tprmp_messages::{ControllerStatus, Instance, Reason, ServiceError, StatusPort, stop_flag};
 
 /// Pause between two looks.
 const LOOK: Duration = Duration::from_millis(20);
@@ -32,6 +31,12 @@ const GROWTH_MAX_KIB: i64 = 256;
 /// Why a soak could not be run.
 #[derive(Debug, Error)]
 pub enum SoakError {
+    /// Shared memory.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// The signal handlers.
+    #[error("signal handlers cannot be installed: {0}")]
+    Signals(std::io::Error),
     /// A program cannot be started.
     #[error("`{program}` cannot be started: {source}")]
     Start {
@@ -60,25 +65,33 @@ pub enum SoakError {
 }
 
 /// What to run, and for how long.
-#[derive(Debug)]
+#[derive(Debug, Args)]
 pub struct Soak {
-    /// Arguments of `controller run` for configuration and model.
-    pub controller: Vec<String>,
-    /// The publisher's command line; `{seed}` stands for a number that is another at each start.
-    pub publisher: Vec<String>,
-    /// Name that publisher and controller share.
-    pub instance: String,
-    /// How long \[s\].
-    pub duration_s: f64,
+    /// Configuration, e.g. config/controllers/planar.ron.
+    config: String,
+    /// Model that `learner train` wrote.
+    #[arg(long)]
+    model: String,
+    /// How long.
+    #[arg(long, default_value_t = 10.0)]
+    minutes: f64,
     /// Of the random times.
-    pub seed: u64,
-    /// Folder for logs and results.
-    pub out: PathBuf,
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Name that publisher and controller share.
+    #[arg(long, default_value = "soak")]
+    instance: String,
+    /// Folder for logs and results (soak.json).
+    #[arg(long)]
+    out: PathBuf,
+    /// The publisher's command line; `{seed}` stands for a number that is another at each start.
+    #[arg(last = true, required = true, value_name = "PUBLISHER")]
+    publisher: Vec<String>,
 }
 
-/// What was seen of the controller from outside.
+/// What was observed of the controller from outside.
 #[derive(Debug, Default)]
-struct Seen {
+struct Observed {
     first: Option<ControllerStatus>,
     last: Option<ControllerStatus>,
     /// Resident memory, once a second \[KiB\].
@@ -94,9 +107,9 @@ fn due_ns(status: &ControllerStatus) -> i128 {
     i128::from(status.time_ns) - i128::from(late)
 }
 
-impl Seen {
-    /// Takes in what has been published; whether the skill was followed in the last of it.
-    fn take(&mut self, port: &StatusPort) -> bool {
+impl Observed {
+    /// Receives what has been published; whether the skill was followed in the last of it.
+    fn receive(&mut self, port: &StatusPort) -> bool {
         let mut followed = false;
         while let Some(status) = port.status.receive() {
             followed = status.ticks > 0 && status.reason == Reason::None.to_wire();
@@ -154,12 +167,12 @@ impl Drop for Guarded {
 }
 
 impl Soak {
-    /// Runs it and prints the result. Ctrl-C ends it early; what was seen until then is judged.
+    /// Runs it and prints the result. Ctrl-C ends it early; what was observed until then is judged.
     ///
     /// # Errors
     /// When something could not be run, or when something did not hold.
-    pub fn run(&self) -> Result<(), StartError> {
-        let stop = stop_flag().map_err(StartError::Signals)?;
+    pub fn run(&self) -> Result<(), SoakError> {
+        let stop = stop_flag().map_err(SoakError::Signals)?;
         std::fs::create_dir_all(&self.out)
             .map_err(|source| SoakError::Write { path: self.out.clone(), source })?;
         let port = Instance::new(&self.instance)?.open_status()?;
@@ -167,24 +180,28 @@ impl Soak {
         let summary_path = self.out.join("controller.json");
         let ended = || SoakError::ControllerEnded { log: log_path.clone() };
         let mut controller = Guarded(self.start_controller(&log_path, &summary_path)?);
-        let mut seen = Seen::default();
-        self.restart_publishers(&mut controller.0, &port, &mut seen, &stop, &ended)?;
+        let mut observed = Observed::default();
+        self.restart_publishers(&mut controller.0, &port, &mut observed, &stop, &ended)?;
         // The last publisher is gone: the loop ends by itself, at rest or after the longest time.
         interrupt(&controller.0);
         let status = controller.0.wait().map_err(|_| ended())?;
         let summary = std::fs::read_to_string(&summary_path).ok();
         let summary: Option<Value> = summary.and_then(|text| serde_json::from_str(&text).ok());
         let summary = summary.filter(|_| status.success()).ok_or_else(ended)?;
-        self.judge(&seen, &summary)
+        self.judge(&observed, &summary)
     }
 
-    fn start_controller(&self, log_path: &Path, summary: &Path) -> Result<Child, StartError> {
+    fn duration_s(&self) -> f64 {
+        60.0 * self.minutes
+    }
+
+    fn start_controller(&self, log_path: &Path, summary: &Path) -> Result<Child, SoakError> {
         let log = log(log_path)?;
         let program = std::env::current_exe()
             .map_err(|source| SoakError::Start { program: "controller".into(), source })?;
         let child = Command::new(&program)
             .arg("run")
-            .args(&self.controller)
+            .args([&self.config, "--model", &self.model])
             .args(["--instance", &self.instance, "--trigger", "periodic", "--summary"])
             .arg(summary)
             .stdin(Stdio::null())
@@ -216,45 +233,45 @@ impl Soak {
         &self,
         controller: &mut Child,
         port: &StatusPort,
-        seen: &mut Seen,
+        observed: &mut Observed,
         stop: &AtomicBool,
         ended: &dyn Fn() -> SoakError,
-    ) -> Result<(), StartError> {
+    ) -> Result<(), SoakError> {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         let begin = Instant::now();
         let over =
-            || begin.elapsed().as_secs_f64() >= self.duration_s || stop.load(Ordering::Relaxed);
+            || begin.elapsed().as_secs_f64() >= self.duration_s() || stop.load(Ordering::Relaxed);
         let mut memory = Instant::now();
         while !over() {
-            seen.starts += 1;
-            let mut publisher = Guarded(self.start_publisher(self.seed + seen.starts)?);
+            observed.starts += 1;
+            let mut publisher = Guarded(self.start_publisher(self.seed + observed.starts)?);
             let started = Instant::now();
             let mut end = None;
             // What the old publisher's states led to may still be on its way.
-            seen.take(port);
+            observed.receive(port);
             while !over() && end.is_none_or(|end| Instant::now() < end) {
                 thread::sleep(LOOK);
-                if seen.take(port) && end.is_none() {
+                if observed.receive(port) && end.is_none() {
                     let life_s = random.random_range(LIFE_S);
                     end = Some(Instant::now() + Duration::from_secs_f64(life_s));
                 }
                 if memory.elapsed() >= MEMORY {
                     memory = Instant::now();
-                    seen.memory_kib.extend(resident_kib(controller.id()));
+                    observed.memory_kib.extend(resident_kib(controller.id()));
                 }
                 if controller.try_wait().map_err(|_| ended())?.is_some() {
-                    return Err(ended().into());
+                    return Err(ended());
                 }
                 if end.is_none() && started.elapsed() > PATIENCE {
-                    let text = format!("the skill is not followed after start {}", seen.starts);
-                    return Err(SoakError::Failed(vec![text]).into());
+                    let text = format!("the skill is not followed after start {}", observed.starts);
+                    return Err(SoakError::Failed(vec![text]));
                 }
                 if publisher.0.try_wait().is_ok_and(|status| status.is_some()) {
                     break;
                 }
             }
             if random.random_bool(0.5) {
-                seen.killed += 1;
+                observed.killed += 1;
                 drop(publisher);
             } else {
                 interrupt(&publisher.0);
@@ -270,9 +287,9 @@ impl Soak {
     }
 
     /// Prints and writes what came out.
-    fn judge(&self, seen: &Seen, summary: &Value) -> Result<(), StartError> {
+    fn judge(&self, observed: &Observed, summary: &Value) -> Result<(), SoakError> {
         let allocations = summary["allocations"].as_u64();
-        let (drift_ns, growth_kib) = (seen.drift_ns(), seen.growth_kib());
+        let (drift_ns, growth_kib) = (observed.drift_ns(), observed.growth_kib());
         let mut failures = Vec::new();
         if allocations != Some(0) {
             failures.push(format!("{} allocations in steady state", summary["allocations"]));
@@ -285,20 +302,20 @@ impl Soak {
         match growth_kib {
             Some(growth) if growth <= GROWTH_MAX_KIB => {}
             Some(growth) => failures.push(format!("memory grew by {growth} KiB")),
-            None => failures.push("the memory was not seen".into()),
+            None => failures.push("the memory was not observed".into()),
         }
         let result = json!({
-            "duration_s": self.duration_s,
+            "duration_s": self.duration_s(),
             "seed": self.seed,
-            "publisher_starts": seen.starts,
-            "publisher_kills": seen.killed,
+            "publisher_starts": observed.starts,
+            "publisher_kills": observed.killed,
             "ticks": summary["ticks"],
             "deadline_misses": summary["deadline_misses"],
             "skipped_periods": summary["skipped_periods"],
             "allocations": allocations,
             "connections": summary["connections"],
             "page_faults": summary["page_faults"],
-            "memory_kib": seen.memory_kib.last(),
+            "memory_kib": observed.memory_kib.last(),
             "memory_growth_kib": growth_kib,
             "schedule_drift_ns": drift_ns.map(|ns| ns as i64),
             "ticks_by_reason": summary["ticks_by_reason"],
@@ -308,7 +325,7 @@ impl Soak {
         std::fs::write(&path, format!("{result:#}\n"))
             .map_err(|source| SoakError::Write { path, source })?;
         println!("{result:#}");
-        if failures.is_empty() { Ok(()) } else { Err(SoakError::Failed(failures).into()) }
+        if failures.is_empty() { Ok(()) } else { Err(SoakError::Failed(failures)) }
     }
 }
 
@@ -331,24 +348,24 @@ mod tests {
     }
 
     #[test]
-    fn drift_is_seen_whatever_was_late_or_skipped() {
+    fn drift_is_observed_whatever_was_late_or_skipped() {
         let drift = |stretch| {
             let (first, last) = (status(3, 0, 40, stretch), status(1_000_000, 17, 90_000, stretch));
-            Seen { first: Some(first), last: Some(last), ..Default::default() }.drift_ns()
+            Observed { first: Some(first), last: Some(last), ..Default::default() }.drift_ns()
         };
         assert_eq!(drift(0), Some(0));
         assert_eq!(drift(1), Some(1_000_014));
-        assert_eq!(Seen::default().drift_ns(), None);
+        assert_eq!(Observed::default().drift_ns(), None);
     }
 
     #[test]
     fn growth_compares_the_end_with_the_time_after_the_start() {
-        let seen = |memory_kib: Vec<i64>| Seen { memory_kib, ..Default::default() };
+        let observed = |memory_kib: Vec<i64>| Observed { memory_kib, ..Default::default() };
         let flat: Vec<i64> =
             (0..100).map(|i| if i < 15 { 100 * i } else { 2000 + i % 3 }).collect();
-        assert_eq!(seen(flat).growth_kib(), Some(0));
-        assert_eq!(seen((0..100).collect()).growth_kib(), Some(99 - 39));
-        assert_eq!(seen(vec![]).growth_kib(), None);
+        assert_eq!(observed(flat).growth_kib(), Some(0));
+        assert_eq!(observed((0..100).collect()).growth_kib(), Some(99 - 39));
+        assert_eq!(observed(vec![]).growth_kib(), None);
     }
 
     #[test]

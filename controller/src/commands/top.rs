@@ -7,24 +7,35 @@ use std::time::{Duration, Instant};
 
 use console::Term;
 use hdrhistogram::Histogram;
-use tprmp_messages::{ControllerStatus, Instance, LifeCycle, Reason, StatusPort};
+use thiserror::Error;
+use tprmp_messages::{ControllerStatus, Instance, LifeCycle, Reason, ServiceError, StatusPort};
 
 use crate::commands::monitor::describe;
-use crate::startup::StartError;
 
 /// Time between two pictures; the percentiles are those of the ticks in between.
 const REFRESH: Duration = Duration::from_millis(500);
 /// Pause between two looks for statuses: shorter than what a full buffer holds at 2 kHz.
 const LOOK: Duration = Duration::from_millis(50);
-/// A controller that says nothing for so long is not running.
+/// A controller that publishes nothing for so long is not running.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Longest time the histograms tell apart \[ns\].
+/// Longest time the histograms resolve \[ns\].
 const TIME_MAX_NS: u64 = 10_000_000_000;
 
-/// A time of a tick: its name and where it stands in the status.
-type Phase = (&'static str, fn(&ControllerStatus) -> u64);
+/// Why there is nothing to show.
+#[derive(Debug, Error)]
+pub enum TopError {
+    /// Shared memory.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// There is nobody to look at.
+    #[error("no controller runs on instance `{0}`: start one, or name its --instance")]
+    NoController(String),
+}
 
-const PHASES: [Phase; 6] = [
+/// A time of a tick: its name and where it stands in the status.
+type TickTime = (&'static str, fn(&ControllerStatus) -> u64);
+
+const TICK_TIMES: [TickTime; 6] = [
     ("wake-up", |s| s.wake_up_ns),
     ("age of the state", |s| s.state_age_ns),
     ("receiving", |s| s.receiving_ns),
@@ -33,11 +44,11 @@ const PHASES: [Phase; 6] = [
     ("tick", |s| s.receiving_ns + s.evaluation_ns + s.publishing_ns),
 ];
 
-/// What was seen between two pictures.
+/// What was received between two pictures.
 struct Window {
     first: Option<ControllerStatus>,
     last: Option<ControllerStatus>,
-    phases: [Histogram<u64>; PHASES.len()],
+    histograms: [Histogram<u64>; TICK_TIMES.len()],
 }
 
 impl Window {
@@ -46,13 +57,13 @@ impl Window {
             Histogram::new_with_bounds(1, TIME_MAX_NS, 3)
                 .expect("the bounds are constants that hdrhistogram accepts")
         };
-        Self { first: None, last: None, phases: core::array::from_fn(histogram) }
+        Self { first: None, last: None, histograms: core::array::from_fn(histogram) }
     }
 
     fn add(&mut self, status: &ControllerStatus) {
         self.first.get_or_insert(*status);
         self.last = Some(*status);
-        for (histogram, (_, time)) in self.phases.iter_mut().zip(PHASES) {
+        for (histogram, (_, time)) in self.histograms.iter_mut().zip(TICK_TIMES) {
             histogram.saturating_record(time(status));
         }
     }
@@ -88,7 +99,7 @@ impl Window {
             "{:<18}{:>10}{:>10}{:>10}{:>10}",
             "time of a tick, µs", "last", "p50", "p99", "max"
         ));
-        for (histogram, (name, time)) in self.phases.iter().zip(PHASES) {
+        for (histogram, (name, time)) in self.histograms.iter().zip(TICK_TIMES) {
             let us = |ns: u64| ns as f64 * 1e-3;
             lines.push(format!(
                 "{name:<18}{:>10.1}{:>10.1}{:>10.1}{:>10.1}",
@@ -102,8 +113,8 @@ impl Window {
     }
 }
 
-/// Takes what has been published in the meantime; `false` when nothing was.
-fn take(port: &StatusPort, window: &mut Window) -> bool {
+/// Receives what has been published in the meantime; `false` when nothing was.
+fn receive(port: &StatusPort, window: &mut Window) -> bool {
     let mut any = false;
     while let Some(status) = port.status.receive() {
         window.add(&status);
@@ -116,7 +127,7 @@ fn take(port: &StatusPort, window: &mut Window) -> bool {
 ///
 /// # Errors
 /// When no controller publishes on this instance, or the terminal cannot be written.
-pub fn top(instance: &str, once: bool) -> Result<(), StartError> {
+pub fn top(instance: &str, once: bool) -> Result<(), TopError> {
     let port = Instance::new(instance)?.open_status()?;
     let terminal = Term::stdout();
     let mut window = Window::new();
@@ -124,10 +135,10 @@ pub fn top(instance: &str, once: bool) -> Result<(), StartError> {
     let (mut picture, mut heard) = (Instant::now(), Instant::now());
     loop {
         thread::sleep(LOOK);
-        if take(&port, &mut window) {
+        if receive(&port, &mut window) {
             heard = Instant::now();
         } else if heard.elapsed() > PATIENCE {
-            return Err(StartError::NoController(instance.into()));
+            return Err(TopError::NoController(instance.into()));
         }
         if picture.elapsed() < REFRESH || window.last.is_none() {
             continue;
@@ -160,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_picture_tells_state_rate_counters_and_times() {
+    fn a_picture_shows_state_rate_counters_and_times() {
         let mut window = Window::new();
         for tick in 1..=101_u64 {
             window.add(&ControllerStatus {

@@ -1,8 +1,8 @@
-//! The velocity of the tool that somebody outside commands: which messages count, and how much.
+//! External commands of the tool's velocity: which messages count, and how much.
 //!
-//! A command is a wish and no state. One that is not finite, too old, from the future or out of order
-//! is passed over, so that the wish fades once the last good one is too old; nothing that arrives here
-//! stops the arm, and all other leaves and limits act as without it.
+//! A command is a desired motion and no state. One that is not finite, too old, from the future or out
+//! of order is ignored, so that the leaf fades out once the last good one is too old. Nothing that
+//! arrives here stops the arm, and all other leaves and limits act as without it.
 
 use tprmp_messages::ToolCommand;
 use tprmp_model::controller_config::External;
@@ -10,33 +10,33 @@ use tprmp_rmpflow::leaves::VelocityFollower;
 use tprmp_rmpflow::natural::Natural;
 use tprmp_spatial::Twist;
 
-/// A wish this near to the command is it: no ever smaller numbers, with which processors are slow
-/// [m/s or rad/s].
+/// A desired velocity this near to the command equals it: no ever smaller numbers, with which
+/// processors are slow \[m/s or rad/s\].
 const NEAR: f64 = 1e-9;
 
-/// What somebody outside wishes for, faded in and out.
+/// The desired velocity of the tool, faded in and out.
 #[derive(Debug, Clone, Copy)]
 pub struct ExternalCommand {
     leaf: VelocityFollower,
     fade_s: f64,
     age_max_ns: u64,
     /// The newest command that counted.
-    newest: Option<Heard>,
+    newest: Option<Received>,
     /// It, smoothed: the velocity of the leaf.
-    wished: Twist,
+    desired: Twist,
     /// Fraction of its weight that the leaf has, 0 to 1.
     weight: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Heard {
+struct Received {
     sequence: u64,
     time_ns: u64,
     velocity: Twist,
 }
 
 impl ExternalCommand {
-    /// Nothing was heard yet.
+    /// Nothing was received yet.
     #[must_use]
     pub fn new(config: &External) -> Self {
         let still = Twist { linear: glam::DVec3::ZERO, angular: glam::DVec3::ZERO };
@@ -45,24 +45,24 @@ impl ExternalCommand {
             fade_s: config.fade_s,
             age_max_ns: config.age_max_ns,
             newest: None,
-            wished: still,
+            desired: still,
             weight: 0.0,
         }
     }
 
-    /// Takes in a message at the time `now_ns` \[ns\], unless it does not count. While a command is
-    /// alive, only one with a higher sequence counts; after that somebody else may begin.
-    pub fn take_in(&mut self, message: &ToolCommand, now_ns: u64) {
+    /// Updates with a message at the time `now_ns` \[ns\], if it counts. While a command is
+    /// fresh, only one with a higher sequence counts; after that somebody else may begin.
+    pub fn update(&mut self, message: &ToolCommand, now_ns: u64) {
         let velocity = Twist {
             linear: message.linear_velocity.into(),
             angular: message.angular_velocity.into(),
         };
-        let alive = self.alive(now_ns);
-        let in_order = alive.is_none_or(|last| message.sequence > last.sequence);
+        let in_order =
+            self.fresh_command(now_ns).is_none_or(|last| message.sequence > last.sequence);
         if message.is_finite() && in_order && self.is_fresh(message.time_ns, now_ns) {
             let velocity = self.leaf.within(&velocity);
             let ToolCommand { sequence, time_ns, .. } = *message;
-            self.newest = Some(Heard { sequence, time_ns, velocity });
+            self.newest = Some(Received { sequence, time_ns, velocity });
         }
     }
 
@@ -71,48 +71,48 @@ impl ExternalCommand {
         now_ns.abs_diff(time_ns) <= self.age_max_ns
     }
 
-    fn alive(&self, now_ns: u64) -> Option<Heard> {
-        self.newest.filter(|heard| self.is_fresh(heard.time_ns, now_ns))
+    fn fresh_command(&self, now_ns: u64) -> Option<Received> {
+        self.newest.filter(|received| self.is_fresh(received.time_ns, now_ns))
     }
 
-    /// Moves on by `dt` \[s\] to the time `now_ns` \[ns\]: the leaf gains weight while a command is alive
+    /// Moves on by `dt` \[s\] to the time `now_ns` \[ns\]: the leaf gains weight while a command is fresh
     /// and loses it else, and its velocity goes over into that of the command, so that no acceleration
     /// jumps.
     pub fn advance(&mut self, now_ns: u64, dt: f64) {
         let step = dt / self.fade_s;
-        let Some(Heard { velocity, .. }) = self.alive(now_ns) else {
+        let Some(Received { velocity, .. }) = self.fresh_command(now_ns) else {
             self.weight = (self.weight - step).max(0.0);
             return;
         };
         if self.weight == 0.0 {
-            self.wished = velocity;
+            self.desired = velocity;
         }
         self.weight = (self.weight + step).min(1.0);
         let fraction = dt / (dt + self.fade_s);
-        for (wished, to) in [
-            (&mut self.wished.linear, velocity.linear),
-            (&mut self.wished.angular, velocity.angular),
+        for (desired, to) in [
+            (&mut self.desired.linear, velocity.linear),
+            (&mut self.desired.angular, velocity.angular),
         ] {
-            let change = to - *wished;
-            *wished = if change.length() < NEAR { to } else { *wished + change * fraction };
+            let change = to - *desired;
+            *desired = if change.length() < NEAR { to } else { *desired + change * fraction };
         }
     }
 
-    /// Takes the weight away at once, for an arm that is led anew: a command that is alive fades in.
+    /// Takes the weight away at once, for an arm that starts anew: a fresh command fades in.
     pub fn restart(&mut self) {
         self.weight = 0.0;
     }
 
-    /// Whether the leaf speaks.
+    /// Whether the leaf is active.
     #[must_use]
-    pub fn leads(&self) -> bool {
+    pub fn is_active(&self) -> bool {
         self.weight > 0.0
     }
 
-    /// The leaf on \[linear; angular\] of a tool moving with `velocity`; `None` while it is silent.
+    /// The leaf on \[linear; angular\] of a tool moving with `velocity`; `None` while it is not active.
     #[must_use]
     pub fn leaf(&self, velocity: &Twist) -> Option<Natural<6>> {
-        self.leads().then(|| self.leaf.evaluate(velocity, &self.wished, self.weight))
+        self.is_active().then(|| self.leaf.evaluate(velocity, &self.desired, self.weight))
     }
 }
 
@@ -151,7 +151,7 @@ mod tests {
         let mut external = external();
         external.advance(1000 * MS, 0.001);
         assert!(external.leaf(&STILL).is_none(), "nobody commands");
-        external.take_in(&command(1, 1000 * MS, 0.2), 1000 * MS);
+        external.update(&command(1, 1000 * MS, 0.2), 1000 * MS);
         let full = 8.0 * 4.0 * 0.2;
         let mut last = 0.0;
         for tick in 1..=300 {
@@ -161,7 +161,7 @@ mod tests {
             match tick {
                 ..50 => assert!(now > last, "{tick}"),
                 50..=100 => assert!((now - full).abs() < 1e-9, "{tick} {now}"),
-                101..149 => assert!(now < last && external.leads(), "{tick}"),
+                101..149 => assert!(now < last && external.is_active(), "{tick}"),
                 _ => {}
             }
             last = now;
@@ -170,13 +170,13 @@ mod tests {
     }
 
     #[test]
-    fn another_command_is_gone_over_to_without_a_jump() {
+    fn a_changed_command_is_blended_without_a_jump() {
         let mut external = external();
         let mut last = 0.0;
         for tick in 0..1000 {
             let now_ns = (1000 + tick) * MS;
             let x = if tick < 400 { 0.2 } else { -0.2 };
-            external.take_in(&command(tick + 1, now_ns, x), now_ns);
+            external.update(&command(tick + 1, now_ns, x), now_ns);
             external.advance(now_ns, 0.001);
             let now = force(&external);
             assert!((now - last).abs() < 0.02 * 8.0 * 4.0 * 0.4 + 1e-9, "{tick}: {last} to {now}");
@@ -204,31 +204,31 @@ mod tests {
         ];
         for message in faulty {
             let mut silent = external();
-            silent.take_in(&message, now_ns);
+            silent.update(&message, now_ns);
             silent.advance(now_ns, 0.001);
             assert!(silent.leaf(&STILL).is_none(), "{message:?}");
-            let mut led = external();
-            led.take_in(&command(8, now_ns, 0.2), now_ns);
-            let mut undisturbed = led;
-            led.take_in(&message, now_ns);
+            let mut active = external();
+            active.update(&command(8, now_ns, 0.2), now_ns);
+            let mut undisturbed = active;
+            active.update(&message, now_ns);
             for _ in 0..100 {
-                led.advance(now_ns, 0.001);
+                active.advance(now_ns, 0.001);
                 undisturbed.advance(now_ns, 0.001);
             }
-            assert_eq!(led.leaf(&STILL), undisturbed.leaf(&STILL), "{message:?}");
+            assert_eq!(active.leaf(&STILL), undisturbed.leaf(&STILL), "{message:?}");
         }
     }
 
     #[test]
     fn out_of_order_counts_only_for_somebody_new() {
         let mut external = external();
-        external.take_in(&command(50, 1000 * MS, 0.2), 1000 * MS);
-        external.take_in(&command(50, 1001 * MS, -0.2), 1001 * MS);
-        external.take_in(&command(1, 1001 * MS, -0.2), 1001 * MS);
+        external.update(&command(50, 1000 * MS, 0.2), 1000 * MS);
+        external.update(&command(50, 1001 * MS, -0.2), 1001 * MS);
+        external.update(&command(1, 1001 * MS, -0.2), 1001 * MS);
         external.advance(1001 * MS, 0.001);
         assert!(force(&external) > 0.0);
         // The last one has died: another publisher begins at 1.
-        external.take_in(&command(1, 1200 * MS, -0.2), 1200 * MS);
+        external.update(&command(1, 1200 * MS, -0.2), 1200 * MS);
         for tick in 0..90 {
             external.advance((1200 + tick) * MS, 0.01);
         }
@@ -236,13 +236,13 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_that_is_led_anew_is_not_seized_at_once() {
+    fn after_a_restart_the_command_fades_in() {
         let mut external = external();
-        external.take_in(&command(1, 1000 * MS, 0.2), 1000 * MS);
+        external.update(&command(1, 1000 * MS, 0.2), 1000 * MS);
         external.advance(1000 * MS, 1.0);
         let full = force(&external);
         external.restart();
-        assert!(!external.leads());
+        assert!(!external.is_active());
         external.advance(1001 * MS, 0.001);
         assert!(force(&external) < 0.05 * full);
     }

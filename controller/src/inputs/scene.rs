@@ -68,7 +68,9 @@ impl Scene {
         }
         let mut now = [MovingPose::at_rest(Pose::IDENTITY); FRAME_CAPACITY];
         for (frame, name) in now.iter_mut().zip(&self.names) {
-            *frame = moving_pose(Frame::find(frames, name)?);
+            let found = Frame::find(frames, name).ok_or(Reason::FrameMissing)?;
+            found.check()?;
+            *frame = moving_pose(found);
         }
         let mut obstacles = self.obstacles;
         let mut count = 0;

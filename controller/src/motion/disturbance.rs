@@ -26,7 +26,7 @@ pub struct DisturbanceObserver<const N: usize> {
 }
 
 impl<const N: usize> DisturbanceObserver<N> {
-    /// Nothing is seen yet.
+    /// Nothing was measured yet.
     #[must_use]
     pub fn new(settings: Disturbance) -> Self {
         Self {
@@ -39,7 +39,7 @@ impl<const N: usize> DisturbanceObserver<N> {
         }
     }
 
-    /// Takes in a measured velocity \[rad/s or m/s\]; the same state again changes nothing.
+    /// Updates with a measured velocity \[rad/s or m/s\]; the same state again changes nothing.
     ///
     /// d += (Δq̇/Δt − mean of what was asked − d) Δt/(Δt + T)
     pub fn observe(&mut self, velocity: &SVector<f64, N>, time_ns: u64) {
@@ -51,8 +51,8 @@ impl<const N: usize> DisturbanceObserver<N> {
             return;
         }
         let elapsed_s = time_ns.saturating_sub(before_ns) as f64 * 1e-9;
-        let seen = elapsed_s > 0.0 && elapsed_s < GAP_MAX_S && self.asked_s > 0.0;
-        if !seen {
+        let believed = elapsed_s > 0.0 && elapsed_s < GAP_MAX_S && self.asked_s > 0.0;
+        if !believed {
             self.estimate = SVector::zeros();
         } else if !self.saturated {
             let beside = (velocity - before) / elapsed_s - self.asked / self.asked_s;
@@ -63,12 +63,12 @@ impl<const N: usize> DisturbanceObserver<N> {
         self.last = Some((*velocity, time_ns));
     }
 
-    /// The arm is out of sight.
+    /// The arm is not measured any more.
     pub fn forget(&mut self) {
         *self = Self::new(self.settings);
     }
 
-    /// Takes note of the accelerations that the torques of this tick, `dt` \[s\], are to cause.
+    /// Records the accelerations that the torques of this tick, `dt` \[s\], are to cause.
     pub fn asked(&mut self, acceleration: &SVector<f64, N>, saturated: bool, dt: f64) {
         self.asked += acceleration * dt;
         self.asked_s += dt;

@@ -114,9 +114,9 @@ mod tests {
         }
     }
 
-    /// Integrates wild wishes: no position, velocity or acceleration ever leaves its limit.
+    /// Integrates wild accelerations: no position, velocity or acceleration ever leaves its limit.
     #[test]
-    fn no_sequence_of_wishes_leaves_the_limits() {
+    fn no_sequence_of_desired_accelerations_leaves_the_limits() {
         let limits = limits();
         let dt = 1e-3;
         let (mut q, mut qd) = (Vector2::zeros(), Vector2::<f64>::zeros());
@@ -125,12 +125,12 @@ mod tests {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963);
             (seed >> 33) as f64 / f64::from(1_u32 << 31) * 2.0 - 1.0
         };
-        let mut wish = Vector2::zeros();
+        let mut desired = Vector2::zeros();
         for step in 0..200_000 {
             if step % 97 == 0 {
-                wish = Vector2::new(random(), random()) * 10_f64.powf(2.0 * random() + 1.0);
+                desired = Vector2::new(random(), random()) * 10_f64.powf(2.0 * random() + 1.0);
             }
-            let a = limits.acceleration(&wish, &q, &qd, dt);
+            let a = limits.acceleration(&desired, &q, &qd, dt);
             qd += a * dt;
             q += qd * dt;
             for i in 0..2 {
@@ -146,13 +146,13 @@ mod tests {
     fn a_joint_beyond_its_range_may_only_come_back() {
         let (limits, dt) = (limits(), 1e-3);
         let (mut q, mut qd) = (Vector2::new(1.05, -2.05), Vector2::<f64>::zeros());
-        for wish in [Vector2::new(10.0, -20.0), Vector2::new(-5.0, 5.0)] {
+        for desired in [Vector2::new(10.0, -20.0), Vector2::new(-5.0, 5.0)] {
             let before = q;
             for _ in 0..300 {
-                qd += limits.acceleration(&wish, &q, &qd, dt) * dt;
+                qd += limits.acceleration(&desired, &q, &qd, dt) * dt;
                 q += qd * dt;
             }
-            let inwards = wish[0] < 0.0;
+            let inwards = desired[0] < 0.0;
             assert_eq!(q != before, inwards, "{q}");
         }
         assert!(q[0] < 1.0 && q[1] > -2.0, "{q}");

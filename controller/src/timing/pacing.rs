@@ -8,7 +8,7 @@ pub const POLL_NS: u64 = 20_000;
 
 /// What paces the loop, and which clock it believes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Pace {
+pub enum Pacing {
     /// `CLOCK_MONOTONIC`, woken as configured.
     RealTime(Trigger),
     /// One tick a state, on the clock of the states: exact whatever the machine's load.

@@ -1,4 +1,4 @@
-//! The clock of the loop, and what the system grants it.
+//! The clock of the loop, and the capabilities that the system grants it.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
@@ -11,7 +11,7 @@ use thread_priority::unix::{
     thread_native_id,
 };
 use thread_priority::{ThreadPriority, ThreadPriorityValue};
-use tprmp_model::controller_config::{Grant, RealTime};
+use tprmp_model::controller_config::{Capability, RealTime};
 
 /// Stack touched in advance, so that the loop meets no page fault there \[bytes\].
 const STACK_BYTES: usize = 256 << 10;
@@ -40,42 +40,42 @@ pub fn spin_until(until_ns: u64) {
     }
 }
 
-/// Something that the system did not grant.
+/// A capability that the system denied.
 #[derive(Debug, Clone)]
-pub struct Refusal {
+pub struct Denied {
     /// What was asked for.
-    pub grant: Grant,
+    pub capability: Capability,
     /// What the system said.
     pub error: String,
 }
 
-impl Refusal {
+impl Denied {
     /// What it means for the loop.
     #[must_use]
     pub fn effect(&self) -> &'static str {
-        match self.grant {
-            Grant::FifoPriority => "the loop has no real-time priority",
-            Grant::Cpu => "the loop is not kept on its core",
-            Grant::LockMemory => "memory is not locked",
-            Grant::CpuLatency => "cores may fall asleep deeply between ticks",
+        match self.capability {
+            Capability::FifoPriority => "the loop has no real-time priority",
+            Capability::Cpu => "the loop is not kept on its core",
+            Capability::LockMemory => "memory is not locked",
+            Capability::CpuLatency => "cores may fall asleep deeply between ticks",
         }
     }
 
     /// What helps.
     #[must_use]
     pub fn remedy(&self) -> &'static str {
-        match self.grant {
-            Grant::FifoPriority => {
+        match self.capability {
+            Capability::FifoPriority => {
                 "add `<user> - rtprio 99` to /etc/security/limits.conf and log in again, or give \
                  the binary CAP_SYS_NICE"
             }
-            Grant::Cpu => {
+            Capability::Cpu => {
                 "set real_time.cpu to a core that this process may use, see `taskset -p $$`"
             }
-            Grant::LockMemory => {
+            Capability::LockMemory => {
                 "add `<user> - memlock unlimited` to /etc/security/limits.conf and log in again"
             }
-            Grant::CpuLatency => {
+            Capability::CpuLatency => {
                 "let the user write to /dev/cpu_dma_latency, by a udev rule: \
                  KERNEL==\"cpu_dma_latency\", GROUP=\"realtime\", MODE=\"0660\""
             }
@@ -83,7 +83,7 @@ impl Refusal {
     }
 }
 
-impl std::fmt::Display for Refusal {
+impl std::fmt::Display for Denied {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{} ({}): {}", self.effect(), self.error, self.remedy())
     }
@@ -92,38 +92,38 @@ impl std::fmt::Display for Refusal {
 /// What stays granted while this lives.
 #[derive(Debug)]
 pub struct Granted {
-    /// What the system refused.
-    pub refused: Vec<Refusal>,
-    /// The kernel keeps the wish for as long as the file is open.
+    /// What the system denied.
+    pub denied: Vec<Denied>,
+    /// The kernel keeps the latency for as long as the file is open.
     _cpu_latency: Option<File>,
 }
 
 /// Asks the system for what the configuration wants, for the calling thread and the process.
 #[must_use]
 pub fn set_up(config: &RealTime) -> Granted {
-    let mut refused = Vec::new();
-    let mut note = |grant, result: Result<(), String>| {
+    let mut denied = Vec::new();
+    let mut note = |capability, result: Result<(), String>| {
         if let Err(error) = result {
-            refused.push(Refusal { grant, error });
+            denied.push(Denied { capability, error });
         }
     };
     let mut held = None;
     if let Some(latency_us) = config.cpu_latency_max_us {
         let file = hold_cpu_latency(latency_us);
-        note(Grant::CpuLatency, file.map(|file| held = Some(file)));
+        note(Capability::CpuLatency, file.map(|file| held = Some(file)));
     }
     if let Some(cpu) = config.cpu {
-        note(Grant::Cpu, pin(cpu));
+        note(Capability::Cpu, pin(cpu));
     }
     touch_stack();
     if config.lock_memory {
-        note(Grant::LockMemory, lock_memory());
+        note(Capability::LockMemory, lock_memory());
     }
     // Last: what comes before may take its time.
     if let Some(priority) = config.fifo_priority {
-        note(Grant::FifoPriority, fifo(priority));
+        note(Capability::FifoPriority, fifo(priority));
     }
-    Granted { refused, _cpu_latency: held }
+    Granted { denied, _cpu_latency: held }
 }
 
 /// Locks all memory of the process, now and in future.
@@ -238,10 +238,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_refused_is_told_with_its_remedy() {
+    fn a_denied_capability_is_reported_with_its_remedy() {
         let error = pin(CpuSet::MAX_CPU).unwrap_err();
-        let refusal = Refusal { grant: Grant::Cpu, error };
-        let text = refusal.to_string();
+        let text = Denied { capability: Capability::Cpu, error }.to_string();
         assert!(text.contains("there is no core") && text.contains("real_time.cpu"), "{text}");
     }
 }

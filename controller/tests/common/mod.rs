@@ -7,10 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use tprmp_controller::cycle::Ending;
 use tprmp_controller::startup::{self, StartError, WithRobot};
-use tprmp_controller::telemetry::Connections;
-use tprmp_controller::timing::pacing::Pace;
+use tprmp_controller::telemetry::RunOutcome;
+use tprmp_controller::timing::pacing::Pacing;
 use tprmp_messages::{
     Frame, Instance, JointCommand, RobotState, StatePublisherPorts, TaskFrames, name_bytes,
 };
@@ -70,8 +69,7 @@ impl Setting {
 
 /// What a run came to.
 pub(crate) struct Outcome {
-    pub(crate) ending: Ending,
-    pub(crate) connections: Connections,
+    pub(crate) run: RunOutcome,
     pub(crate) ticks: u64,
 }
 
@@ -79,19 +77,23 @@ struct Run {
     config_path: PathBuf,
     loaded: startup::Loaded,
     instance: Instance,
-    pace: Pace,
+    pacing: Pacing,
     stop: Arc<AtomicBool>,
 }
 
 impl WithRobot for Run {
-    type Output = Outcome;
+    type Output = Result<Outcome, StartError>;
 
     fn call<const N: usize>(self) -> Result<Outcome, StartError> {
-        let mut cycle =
-            startup::cycle::<N>(&self.config_path, self.loaded, self.pace, false, &self.instance)?;
-        let ending = cycle.run(&self.stop);
-        let telemetry = cycle.telemetry();
-        Ok(Outcome { ending, connections: telemetry.connections, ticks: telemetry.ticks })
+        let mut cycle = startup::cycle::<N>(
+            &self.config_path,
+            self.loaded,
+            self.pacing,
+            false,
+            &self.instance,
+        )?;
+        let run = cycle.run(&self.stop);
+        Ok(Outcome { run, ticks: cycle.telemetry().ticks })
     }
 }
 
@@ -106,13 +108,13 @@ impl Controller {
     pub(crate) fn start(
         setting: &Setting,
         instance: &Instance,
-        pace: Pace,
+        pacing: Pacing,
         edit: impl FnOnce(&mut ControllerConfig),
     ) -> Self {
         let config_path = file(setting.config);
         let loaded = startup::load_with(&config_path, edit, &[file(setting.model)], false).unwrap();
         let (stop, instance) = (Arc::new(AtomicBool::new(false)), instance.clone());
-        let work = Run { config_path, loaded, instance, pace, stop: Arc::clone(&stop) };
+        let work = Run { config_path, loaded, instance, pacing, stop: Arc::clone(&stop) };
         let joints = setting.rest.len();
         let thread = std::thread::spawn(move || match joints {
             2 => work.call::<2>().unwrap(),

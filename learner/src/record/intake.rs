@@ -4,8 +4,7 @@ use std::fmt;
 
 use glam::{DQuat, DVec3};
 use tprmp_messages::{
-    Frame, FrameFault, NAME_CAPACITY, QUATERNION_TOLERANCE, RobotState, StateFault, TaskFrames,
-    name_str,
+    Frame, NAME_CAPACITY, QUATERNION_TOLERANCE, Reason, RobotState, TaskFrames, name_str,
 };
 use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
 use tprmp_spatial::Pose;
@@ -95,11 +94,11 @@ impl StateIntake {
         state: &RobotState,
         before: Option<(u64, u64)>,
     ) -> Result<Option<u64>, Fault> {
-        state.check_positions(self.joints).map_err(|fault| match fault {
-            StateFault::JointCount => {
+        state.check_positions(self.joints).map_err(|reason| match reason {
+            Reason::JointCount => {
                 Fault::JointCount { expected: self.joints, found: state.joint_count }
             }
-            StateFault::NotFinite => Fault::NotFinite,
+            _ => Fault::NotFinite,
         })?;
         if let Some((sequence, time_ns)) = before {
             if state.sequence < sequence {
@@ -237,14 +236,13 @@ impl FramesIntake {
 }
 
 fn status(frames: &[Frame], name: &[u8; NAME_CAPACITY], planar: bool) -> FrameStatus {
-    let found = Frame::find(frames, name);
-    let frame = match found.and_then(|frame| frame.check_pose().map(|()| frame)) {
-        Ok(frame) => frame,
-        Err(FrameFault::Absent) => return FrameStatus::Absent,
-        Err(FrameFault::Invalid) => return FrameStatus::Invalid,
-        Err(FrameFault::NotFinite) => return FrameStatus::NotFinite,
-        Err(FrameFault::NotUnit) => return FrameStatus::NotUnit,
-    };
+    let Some(frame) = Frame::find(frames, name) else { return FrameStatus::Absent };
+    match frame.check_pose() {
+        Ok(()) => {}
+        Err(Reason::FrameMissing) => return FrameStatus::Invalid,
+        Err(Reason::FrameNotFinite) => return FrameStatus::NotFinite,
+        Err(_) => return FrameStatus::NotUnit,
+    }
     let [w, x, y, z] = frame.quaternion;
     let mut position = DVec3::from(frame.position);
     let mut orientation = DQuat::from_xyzw(x, y, z, w);

@@ -150,9 +150,9 @@ pub struct Done {
     pub angle_rad: f64,
 }
 
-/// Something that the system has to grant to the loop.
+/// A capability that the loop asks the system for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-pub enum Grant {
+pub enum Capability {
     /// A real-time priority.
     FifoPriority,
     /// A core of its own.
@@ -163,7 +163,7 @@ pub enum Grant {
     CpuLatency,
 }
 
-/// Real-time set-up. Where the system refuses something, the controller says so; it goes on without,
+/// Real-time set-up. Where the system denies something, the controller says so; it goes on without,
 /// unless that is required.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -181,18 +181,18 @@ pub struct RealTime {
     #[serde(deserialize_with = "Option::deserialize")]
     pub cpu_latency_max_us: Option<u32>,
     /// Without these the controller does not start.
-    pub required: Vec<Grant>,
+    pub required: Vec<Capability>,
 }
 
 impl RealTime {
     /// Whether this is asked for at all.
     #[must_use]
-    pub fn asks_for(&self, grant: Grant) -> bool {
-        match grant {
-            Grant::FifoPriority => self.fifo_priority.is_some(),
-            Grant::Cpu => self.cpu.is_some(),
-            Grant::LockMemory => self.lock_memory,
-            Grant::CpuLatency => self.cpu_latency_max_us.is_some(),
+    pub fn asks_for(&self, capability: Capability) -> bool {
+        match capability {
+            Capability::FifoPriority => self.fifo_priority.is_some(),
+            Capability::Cpu => self.cpu.is_some(),
+            Capability::LockMemory => self.lock_memory,
+            Capability::CpuLatency => self.cpu_latency_max_us.is_some(),
         }
     }
 }
@@ -387,9 +387,9 @@ impl RealTime {
         let priority = &self.fifo_priority;
         let is_one = priority.is_none_or(|priority| (1..=99).contains(&priority));
         check.require(is_one, "fifo_priority", "None, or 1 to 99", priority);
-        for grant in &self.required {
+        for capability in &self.required {
             let expected = "only what the keys beside it ask for";
-            check.require(self.asks_for(*grant), "required", expected, grant);
+            check.require(self.asks_for(*capability), "required", expected, capability);
         }
     }
 }

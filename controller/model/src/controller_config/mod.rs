@@ -15,7 +15,7 @@ mod leaves;
 mod read;
 
 pub use config::{
-    ControlPoint, ControllerConfig, Disturbance, Done, FrameObserver, Grant, Impedance, Loop,
+    Capability, ControlPoint, ControllerConfig, Disturbance, Done, FrameObserver, Impedance, Loop,
     RealTime, Robot, Stop, Trigger,
 };
 pub use error::{ConfigError, Fault, Problem};

@@ -1,0 +1,34 @@
+//! A state publisher, whole: an ideal robot in the plane that moves as it is commanded, and the two
+//! frames of the planar skill. `controller run config/controllers/planar.ron` connects to it. The same
+//! in Python: `sim-bridge/examples/state_publisher.py`.
+
+use std::{env, error::Error, sync::atomic::Ordering, thread, time::Duration};
+
+use rustix::time::{ClockId, clock_gettime};
+use tprmp_messages::{Frame, Instance, JointCommand, RobotState, TaskFrames, stop_flag};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let instance = env::args().nth(1).unwrap_or_else(|| "default".into());
+    let ports = Instance::new(&instance)?.open_state_publisher()?;
+    let stop = stop_flag()?;
+    let mut state = RobotState { joint_count: 2, ..Default::default() };
+    let mut frames = TaskFrames { frame_count: 2, ..Default::default() };
+    frames.frames[0] = Frame::at("start", [0.0, 0.0, 0.0])?;
+    frames.frames[1] = Frame::at("end", [2.0, 1.0, 0.0])?;
+    let mut command = JointCommand::default();
+    while !stop.load(Ordering::Relaxed) {
+        let now_ns = u64::try_from(clock_gettime(ClockId::Monotonic).as_nanos())?;
+        if let Some(newest) = ports.command.receive() {
+            command = *newest;
+        }
+        state.position = command.position;
+        state.velocity = if now_ns < command.expiry_ns { command.velocity } else { [0.0; 8] };
+        (state.sequence, frames.sequence) = (state.sequence + 1, state.sequence + 1);
+        (state.time_ns, frames.time_ns) = (now_ns, now_ns);
+        // The frames first, so that whoever waits for the state finds both.
+        let sent = ports.frames.publish(frames) && ports.state.publish(state);
+        assert!(sent, "shared memory refuses a message");
+        thread::sleep(Duration::from_millis(1));
+    }
+    Ok(())
+}

@@ -1,0 +1,172 @@
+//! `controller run`: runs a skill until it is stopped, or its task is done.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use thiserror::Error;
+use tprmp_messages::{Instance, LifeCycle, ServiceError, stop_flag};
+
+use crate::commands::monitor::Monitor;
+use crate::commands::overrides::Overrides;
+use crate::startup::{self, Loaded, StartError, WithRobot};
+use crate::timing::pacing::Pacing;
+use crate::timing::realtime::{self, Denied, Granted};
+
+/// Why a skill was not run, or not to the end.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// The files, or the robot.
+    #[error(transparent)]
+    Start(#[from] StartError),
+    /// Shared memory.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// The signal handlers.
+    #[error("signal handlers cannot be installed: {0}")]
+    Signals(std::io::Error),
+    /// A required capability is missing.
+    #[error("key `real_time.required` names {:?}, which the system denies: {_0}", _0.capability)]
+    Denied(Denied),
+    /// The summary.
+    #[error("summary `{path}` cannot be written: {source}")]
+    Summary {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+}
+
+/// What to run.
+#[derive(Debug, Args)]
+pub struct Run {
+    /// Configuration, e.g. config/controllers/ur5_pick.ron.
+    config: PathBuf,
+    /// Model that `learner train` wrote. Given again for each entry of `additional_skills`: the skills act
+    /// together, and the first is the task.
+    #[arg(long, required = true)]
+    model: Vec<PathBuf>,
+    /// Name that publisher and controller share.
+    #[arg(long, default_value = "default")]
+    instance: String,
+    /// Write what the loop measured about itself to this file, as JSON.
+    #[arg(long)]
+    summary: Option<PathBuf>,
+    /// One tick a state, on the clock of the states: exact on a busy machine.
+    #[arg(long)]
+    lockstep: bool,
+    /// Leave once the task has been done for a second.
+    #[arg(long)]
+    until_done: bool,
+    /// Run a model that failed its certificate.
+    #[arg(long)]
+    allow_uncertified: bool,
+    #[command(flatten)]
+    overrides: Overrides,
+}
+
+struct Work<'a> {
+    run: &'a Run,
+    loaded: Loaded,
+    instance: Instance,
+    pacing: Pacing,
+}
+
+impl Run {
+    /// Runs it.
+    ///
+    /// # Errors
+    /// [`RunError`]; nothing has moved, unless it is the summary that cannot be written.
+    pub fn run(&self) -> Result<(), RunError> {
+        let edit = |config: &mut _| self.overrides.apply(config);
+        let loaded = startup::load_with(&self.config, edit, &self.model, self.allow_uncertified)?;
+        let instance = Instance::new(&self.instance)?;
+        let config = loaded.config.clone();
+        let pacing =
+            if self.lockstep { Pacing::Lockstep } else { Pacing::RealTime(config.cycle.trigger) };
+        startup::with_robot(&self.config, &config, Work { run: self, loaded, instance, pacing })?
+    }
+}
+
+impl WithRobot for Work<'_> {
+    type Output = Result<(), RunError>;
+
+    fn call<const N: usize>(self) -> Result<(), RunError> {
+        let Self { run, loaded, instance, pacing } = self;
+        if let Some(path) = &run.summary {
+            // Before anything moves: a summary that cannot be written would be lost.
+            try_summary(path)?;
+        }
+        let real_time = loaded.config.real_time.clone();
+        print_failures(&loaded);
+        let names: Vec<_> =
+            loaded.skills.iter().map(|skill| format!("`{}`", skill.model.skill)).collect();
+        let mut cycle =
+            startup::cycle::<N>(&run.config, loaded, pacing, run.until_done, &instance)?;
+        let stop = stop_flag().map_err(RunError::Signals)?;
+        eprintln!(
+            "controller: skill {}, {N} joints, instance `{}`: waiting for state and frames",
+            names.join(" with "),
+            instance.name()
+        );
+        // Before the loop's priority is set, which a thread would inherit.
+        let monitor = Monitor::start(cycle.shared_status());
+        let granted = (pacing != Pacing::Lockstep).then(|| realtime::set_up(&real_time));
+        for denied in granted.iter().flat_map(|granted: &Granted| &granted.denied) {
+            if real_time.required.contains(&denied.capability) {
+                return Err(RunError::Denied(denied.clone()));
+            }
+            eprintln!("controller: {denied}");
+        }
+        let outcome = cycle.run(&stop);
+        drop((monitor, granted));
+        let summary = cycle.telemetry().summary(&outcome);
+        report(&summary, outcome.life_cycle);
+        run.summary.as_deref().map_or(Ok(()), |path| write_summary(path, &summary))
+    }
+}
+
+/// Which models are run although they failed their certificate.
+fn print_failures(loaded: &Loaded) {
+    for model in loaded.skills.iter().map(|skill| &skill.model) {
+        let count = model.certificate.failures.len();
+        if count > 0 {
+            let name = &model.skill;
+            eprintln!("controller: the model of `{name}` fails its certificate in {count} points");
+        }
+    }
+}
+
+fn write_summary(path: &Path, summary: &serde_json::Value) -> Result<(), RunError> {
+    std::fs::write(path, format!("{summary:#}\n"))
+        .map_err(|source| RunError::Summary { path: path.into(), source })
+}
+
+/// Finds out whether a summary can be written, and leaves none.
+fn try_summary(path: &Path) -> Result<(), RunError> {
+    write_summary(path, &serde_json::Value::Null)?;
+    std::fs::remove_file(path).map_err(|source| RunError::Summary { path: path.into(), source })
+}
+
+/// The last line: where the task stood when the controller left, and how the loop did.
+fn report(summary: &serde_json::Value, life_cycle: LifeCycle) {
+    let ticks = summary["ticks"].as_u64().unwrap_or(0);
+    if ticks == 0 {
+        eprintln!("controller: stopped; no state and frames had arrived, nothing was moved");
+        return;
+    }
+    let time = |percentile: &str| summary["tick_us"][percentile].as_f64().unwrap_or(0.0);
+    eprintln!(
+        "controller: stopped, the task was {}; {ticks} ticks, {} deadlines missed, {} allocations \
+         in the loop, tick p50 {:.1} µs, p99 {:.1} µs, max {:.1} µs",
+        match life_cycle {
+            LifeCycle::Done => "done",
+            _ => "not done",
+        },
+        summary["deadline_misses"],
+        summary["allocations"],
+        time("p50"),
+        time("p99"),
+        time("max"),
+    );
+}

@@ -1,0 +1,215 @@
+//! Why a task makes no progress: the arm stands still short of its goal, or creeps along an obstacle.
+
+use tprmp_messages::{LifeCycle, Reason};
+use tprmp_rmpflow::leaves::Proximity;
+
+/// The arm stands still when no joint is faster than this \[rad/s or m/s\] …
+const SPEED_MAX: f64 = 0.01;
+/// … for so long \[s\].
+const DURATION_S: f64 = 1.0;
+/// An arm that moves makes no progress when the distance to its goal changes by this fraction of it or less …
+const PROGRESS_FRACTION: f64 = 0.2;
+/// … for so long \[s\]; far from obstacles, when the energy of its skills does so as well, and their goal
+/// rests: an arm may go round its goal, or follow it.
+const PROGRESS_S: f64 = 3.0;
+/// A goal rests that is slower than this \[m/s\].
+const GOAL_REST_M_S: f64 = 0.01;
+/// An arm that makes no progress is blocked when at least this fraction of its desired velocity is
+/// obstructed …
+const OBSTRUCTED_MIN: f64 = 0.02;
+/// … or when its clearance from an obstacle, or from itself, is less, margins taken off \[m\].
+const CLEARANCE_MIN_M: f64 = 0.01;
+
+/// How the arm moves, and what is left to do.
+#[derive(Debug, Clone, Copy)]
+pub struct Progress {
+    /// Speed of the fastest joint \[rad/s or m/s\].
+    pub speed: f64,
+    /// Distance to the goal \[m\].
+    pub distance_m: f64,
+    /// V of the skills \[J\].
+    pub energy: f64,
+    /// Speed of the goal \[m/s\].
+    pub goal_speed_m_s: f64,
+}
+
+/// For how long the arm has stood still or made no progress.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct StallDetector {
+    /// \[s\]
+    still_s: f64,
+    distance: Unchanged,
+    energy: Unchanged,
+}
+
+/// For how long something has been about the same.
+#[derive(Debug, Clone, Copy, Default)]
+struct Unchanged {
+    since_s: f64,
+    value: f64,
+}
+
+impl Unchanged {
+    /// Updates with a value; begins anew where it has changed, or where it is not `watched`. Returns
+    /// whether it has been about the same for long.
+    fn update(&mut self, value: f64, watched: bool, dt: f64) -> bool {
+        if watched && (value - self.value).abs() <= PROGRESS_FRACTION * self.value.abs() {
+            self.since_s += dt;
+        } else {
+            *self = Self { since_s: 0.0, value };
+        }
+        self.since_s > PROGRESS_S
+    }
+}
+
+impl StallDetector {
+    /// Updates with a tick of `dt` \[s\]. Of an arm that is externally commanded it is not known whether
+    /// it could get on by itself: it can only be blocked.
+    ///
+    /// [`Reason::Blocked`] or [`Reason::Unreachable`] when a task that is under way does not get on,
+    /// else [`Reason::None`]. The policy is followed all the while: once the obstacle or the goal
+    /// moves, the arm does.
+    pub fn update(
+        &mut self,
+        life_cycle: LifeCycle,
+        progress: &Progress,
+        proximity: &Proximity,
+        externally_commanded: bool,
+        dt: f64,
+    ) -> Reason {
+        let blocked = proximity.obstructed_fraction > OBSTRUCTED_MIN
+            || proximity.clearance_min_m < CLEARANCE_MIN_M;
+        let under_way = matches!(life_cycle, LifeCycle::Running | LifeCycle::Lifting);
+        let still = under_way && progress.speed < SPEED_MAX && (blocked || !externally_commanded);
+        self.still_s = if still { self.still_s + dt } else { 0.0 };
+        let still = self.still_s > DURATION_S;
+        let watched = under_way && !externally_commanded;
+        let creeps = self.distance.update(progress.distance_m, watched, dt);
+        let rests = progress.goal_speed_m_s < GOAL_REST_M_S;
+        let stagnates = self.energy.update(progress.energy, watched && rests, dt);
+        if blocked && (still || creeps) {
+            Reason::Blocked
+        } else if !blocked && (still || (creeps && stagnates)) {
+            Reason::Unreachable
+        } else {
+            Reason::None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A goal that moves.
+    fn progress(speed: f64, distance_m: f64) -> Progress {
+        Progress { speed, distance_m, energy: 1.0, goal_speed_m_s: 0.1 }
+    }
+
+    #[test]
+    fn an_arm_that_stands_still_short_of_its_goal_is_blocked_or_out_of_reach() {
+        let free = Proximity { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
+        let against = Proximity { obstructed_fraction: 0.5, ..free };
+        let close = Proximity { clearance_min_m: 0.001, ..free };
+        let after = |life_cycle, speed, proximity: &Proximity| {
+            let mut detector = StallDetector::default();
+            (0..1500)
+                .map(|_| {
+                    detector.update(life_cycle, &progress(speed, 0.2), proximity, false, 0.001)
+                })
+                .last()
+        };
+        assert_eq!(after(LifeCycle::Running, 0.0, &free), Some(Reason::Unreachable));
+        assert_eq!(after(LifeCycle::Running, 0.0, &against), Some(Reason::Blocked));
+        assert_eq!(after(LifeCycle::Lifting, 0.0, &close), Some(Reason::Blocked));
+        assert_eq!(after(LifeCycle::Running, 0.1, &against), Some(Reason::None));
+        assert_eq!(after(LifeCycle::Done, 0.0, &free), Some(Reason::None));
+        let mut detector = StallDetector::default();
+        assert_eq!(
+            detector.update(LifeCycle::Running, &progress(0.0, 0.2), &free, false, 0.9),
+            Reason::None
+        );
+        assert_eq!(
+            detector.update(LifeCycle::Running, &progress(0.2, 0.2), &free, false, 0.9),
+            Reason::None
+        );
+        assert_eq!(
+            detector.update(LifeCycle::Running, &progress(0.0, 0.2), &free, false, 0.9),
+            Reason::None
+        );
+        assert_eq!(
+            detector.update(LifeCycle::Running, &progress(0.0, 0.2), &free, false, 0.9),
+            Reason::Unreachable
+        );
+    }
+
+    #[test]
+    fn an_arm_that_creeps_along_an_obstacle_is_blocked_until_it_gets_on() {
+        let free = Proximity { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
+        let against = Proximity { obstructed_fraction: 0.5, ..free };
+        let after = |seconds: usize, fraction: f64, proximity: &Proximity| {
+            let mut detector = StallDetector::default();
+            let mut distance = 0.2;
+            let mut reason = Reason::None;
+            for _ in 0..seconds * 100 {
+                distance *= fraction.powf(0.01);
+                reason = detector.update(
+                    LifeCycle::Running,
+                    &progress(0.05, distance),
+                    proximity,
+                    false,
+                    0.01,
+                );
+            }
+            reason
+        };
+        assert_eq!(after(5, 0.99, &against), Reason::Blocked);
+        assert_eq!(after(2, 0.99, &against), Reason::None, "not yet");
+        assert_eq!(after(5, 0.8, &against), Reason::None, "it gets on");
+        assert_eq!(after(5, 1.2, &against), Reason::None, "the goal moves away");
+        assert_eq!(after(5, 0.99, &free), Reason::None, "it follows what moves");
+    }
+
+    #[test]
+    fn an_externally_commanded_arm_is_blocked_by_obstacles_only() {
+        let free = Proximity { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
+        let against = Proximity { obstructed_fraction: 0.5, ..free };
+        let mut detector = StallDetector::default();
+        let mut advance = |proximity, speed, commanded| {
+            detector.update(LifeCycle::Running, &progress(speed, 0.2), proximity, commanded, 0.9)
+        };
+        for _ in 0..9 {
+            assert_eq!(advance(&free, 0.0, true), Reason::None, "it is held");
+            assert_eq!(advance(&against, 0.1, true), Reason::None, "it is moved along");
+        }
+        assert_eq!(advance(&free, 0.0, false), Reason::None, "just let go");
+        assert_eq!(advance(&free, 0.0, false), Reason::Unreachable);
+        assert_eq!(advance(&free, 0.0, true), Reason::None);
+        assert_eq!(advance(&against, 0.0, true), Reason::None);
+        assert_eq!(
+            advance(&against, 0.0, true),
+            Reason::Blocked,
+            "it is commanded into an obstacle"
+        );
+    }
+
+    #[test]
+    fn an_arm_that_drifts_while_its_goal_rests_is_reported_as_out_of_reach() {
+        let free = Proximity { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
+        let after = |goal_speed_m_s: f64, energy: f64, seconds: usize| {
+            let mut detector = StallDetector::default();
+            let mut progress =
+                Progress { speed: 0.1, distance_m: 0.2, energy: 1.0, goal_speed_m_s };
+            let mut reason = Reason::None;
+            for _ in 0..seconds * 100 {
+                progress.energy *= energy.powf(0.01);
+                reason = detector.update(LifeCycle::Running, &progress, &free, false, 0.01);
+            }
+            reason
+        };
+        assert_eq!(after(0.0, 0.99, 4), Reason::Unreachable);
+        assert_eq!(after(0.0, 0.99, 2), Reason::None, "not yet");
+        assert_eq!(after(0.0, 0.9, 9), Reason::None, "it goes round its goal and gets on");
+        assert_eq!(after(0.1, 0.99, 9), Reason::None, "it follows its goal");
+    }
+}

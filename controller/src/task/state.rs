@@ -1,0 +1,239 @@
+//! The state of a task: the skill, then, once the gripper holds, the lift.
+
+use glam::DVec3;
+use tprmp_messages::{GripperCommand, GripperState, LifeCycle};
+use tprmp_model::controller_config::{Done, Lift};
+use tprmp_spatial::Pose;
+
+use crate::policy::Task;
+
+/// Where the task stands.
+#[derive(Debug, Clone, Copy)]
+pub struct TaskState {
+    lift: Option<Lift>,
+    done: Done,
+    /// Whether the skill acts on the orientation too.
+    has_orientation: bool,
+    stage: Stage,
+    gripper: GripperCommand,
+    /// Held before the task began: what it holds stays where it is.
+    held_before: bool,
+    /// For how long the gripper has not held what is being lifted \[s\].
+    lost_s: f64,
+    life_cycle: LifeCycle,
+    /// Since when the task has been done \[ns\].
+    done_since_ns: Option<u64>,
+}
+
+/// A gripper that reports nothing held for less than this has not lost the object \[s\].
+const LOST_S: f64 = 0.1;
+
+#[derive(Debug, Clone, Copy)]
+enum Stage {
+    Skill,
+    Lift { goal: Pose },
+}
+
+/// Distance of a tool from its goal.
+#[derive(Debug, Clone, Copy)]
+pub struct Remaining {
+    /// \[m\]
+    pub distance_m: f64,
+    /// \[rad\]
+    pub angle_rad: f64,
+}
+
+impl Remaining {
+    /// Between two poses.
+    #[must_use]
+    pub fn between(tool: &Pose, goal: &Pose) -> Self {
+        Self {
+            distance_m: (tool.position - goal.position).length(),
+            angle_rad: tool.rotation_from(goal).length(),
+        }
+    }
+}
+
+impl TaskState {
+    /// A task that begins with its skill.
+    ///
+    /// * `has_orientation`  whether that skill acts on the orientation too
+    #[must_use]
+    pub fn new(lift: Option<Lift>, done: Done, has_orientation: bool) -> Self {
+        Self {
+            lift,
+            done,
+            has_orientation,
+            stage: Stage::Skill,
+            gripper: GripperCommand::Release,
+            held_before: false,
+            lost_s: 0.0,
+            life_cycle: LifeCycle::Waiting,
+            done_since_ns: None,
+        }
+    }
+
+    /// Begins with what the gripper senses before the first command: an object that is held is not let
+    /// go.
+    pub fn begin(&mut self, gripper: GripperState) {
+        self.held_before = self.lift.is_some() && gripper == GripperState::Holding;
+        if self.held_before {
+            self.gripper = GripperCommand::Grip;
+        }
+    }
+
+    /// What the tool should do now.
+    #[must_use]
+    pub fn task(&self) -> Task {
+        match self.stage {
+            Stage::Skill => Task::Skill,
+            Stage::Lift { goal } => Task::Reach(goal),
+        }
+    }
+
+    /// What the gripper should do.
+    #[must_use]
+    pub fn gripper(&self) -> GripperCommand {
+        self.gripper
+    }
+
+    /// Where the task stood when the policy was followed the last time.
+    #[must_use]
+    pub fn life_cycle(&self) -> LifeCycle {
+        self.life_cycle
+    }
+
+    /// For how long the task has been done at the time `now_ns`; 0 when it is not \[ns\].
+    #[must_use]
+    pub fn done_for_ns(&self, now_ns: u64) -> u64 {
+        self.done_since_ns.map_or(0, |since_ns| now_ns.saturating_sub(since_ns))
+    }
+
+    /// Updates the state after `dt` \[s\], at the time `now_ns` \[ns\]: from the skill to the lift when the gripper was asked to grip and
+    /// holds, and back when it has lost the object. Returns the life cycle and what remains to the present goal.
+    pub fn advance(
+        &mut self,
+        gripper: GripperState,
+        tool: &Pose,
+        skill_goal: &Pose,
+        now_ns: u64,
+        dt: f64,
+    ) -> (LifeCycle, Remaining) {
+        let holding = gripper == GripperState::Holding;
+        self.lost_s = if holding { 0.0 } else { self.lost_s + dt };
+        let asked = self.gripper == GripperCommand::Grip;
+        self.stage = match (self.stage, self.lift) {
+            (Stage::Skill, Some(lift)) if holding && asked => {
+                let height = if self.held_before { 0.0 } else { lift.height_m };
+                let position = tool.position + DVec3::Z * height;
+                Stage::Lift { goal: Pose { position, ..*tool } }
+            }
+            (Stage::Lift { .. }, _) if self.lost_s > LOST_S => {
+                self.held_before = false;
+                Stage::Skill
+            }
+            (stage, _) => stage,
+        };
+        let (goal, underway) = match &self.stage {
+            Stage::Skill => (skill_goal, LifeCycle::Running),
+            Stage::Lift { goal } => (goal, LifeCycle::Lifting),
+        };
+        let mut remaining = Remaining::between(tool, goal);
+        if !self.has_orientation {
+            remaining.angle_rad = 0.0;
+        }
+        self.gripper = match (&self.stage, &self.lift) {
+            (Stage::Lift { .. }, _) => GripperCommand::Grip,
+            (Stage::Skill, Some(lift))
+                if remaining.distance_m < lift.grip_distance_m
+                    && remaining.angle_rad < lift.grip_angle_rad =>
+            {
+                GripperCommand::Grip
+            }
+            _ => GripperCommand::Release,
+        };
+        let arrived = remaining.distance_m < self.done.distance_m
+            && remaining.angle_rad < self.done.angle_rad;
+        // With a gripper, reaching the skill's goal is not yet the task.
+        let last = self.lift.is_none() || matches!(self.stage, Stage::Lift { .. });
+        self.life_cycle = if arrived && last { LifeCycle::Done } else { underway };
+        self.done_since_ns =
+            (self.life_cycle == LifeCycle::Done).then(|| self.done_since_ns.unwrap_or(now_ns));
+        (self.life_cycle, remaining)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+    use tprmp_model::controller_config::Attractor;
+
+    const DONE: Done = Done { distance_m: 0.01, angle_rad: 0.05 };
+    const LIFT: Lift = Lift {
+        grip_distance_m: 0.005,
+        grip_angle_rad: 0.05,
+        height_m: 0.1,
+        attractor: Attractor {
+            linear_inertia_kg: 1.0,
+            angular_inertia_kg_m2: 0.1,
+            stiffness_1_s2: 30.0,
+            damping_1_s: 10.0,
+            saturation_m: 0.05,
+        },
+    };
+
+    fn at(x: f64, z: f64) -> Pose {
+        Pose { position: DVec3::new(x, 0.0, z), orientation: DQuat::IDENTITY }
+    }
+
+    #[test]
+    fn a_pick_lifts_once_the_gripper_holds_and_starts_over_when_it_loses_the_object() {
+        let mut task = TaskState::new(Some(LIFT), DONE, true);
+        let goal = at(0.5, 0.0);
+        let step =
+            |task: &mut TaskState, gripper, tool| task.advance(gripper, &tool, &goal, 0, 0.06).0;
+        assert_eq!(step(&mut task, GripperState::Open, at(0.4, 0.0)), LifeCycle::Running);
+        assert_eq!(task.gripper(), GripperCommand::Release, "far from the goal");
+        assert_eq!(step(&mut task, GripperState::Open, at(0.5, 0.0)), LifeCycle::Running);
+        assert_eq!(task.gripper(), GripperCommand::Grip, "at the goal");
+        assert_eq!(step(&mut task, GripperState::Holding, at(0.5, 0.0)), LifeCycle::Lifting);
+        assert_eq!(step(&mut task, GripperState::Holding, at(0.5, 0.05)), LifeCycle::Lifting);
+        assert_eq!(step(&mut task, GripperState::Holding, at(0.5, 0.099)), LifeCycle::Done);
+        assert!(matches!(task.task(), Task::Reach(p) if (p.position.z - 0.1).abs() < 1e-12));
+        assert_eq!(task.gripper(), GripperCommand::Grip, "while it lifts");
+        assert_eq!(step(&mut task, GripperState::Open, at(0.5, 0.09)), LifeCycle::Lifting);
+        assert_eq!(task.gripper(), GripperCommand::Grip, "one report is not yet a loss");
+        assert_eq!(step(&mut task, GripperState::Open, at(0.5, 0.09)), LifeCycle::Running);
+        assert_eq!(task.gripper(), GripperCommand::Release, "the object is lost");
+    }
+
+    #[test]
+    fn a_gripper_that_was_not_asked_lifts_nothing_and_one_that_holds_at_the_start_keeps_it() {
+        let (tool, goal) = (at(0.3, 0.2), at(0.5, 0.0));
+        let mut task = TaskState::new(Some(LIFT), DONE, true);
+        task.begin(GripperState::Open);
+        let (cycle, _) = task.advance(GripperState::Holding, &tool, &goal, 0, 0.001);
+        assert_eq!((cycle, task.gripper()), (LifeCycle::Running, GripperCommand::Release));
+        let mut task = TaskState::new(Some(LIFT), DONE, true);
+        task.begin(GripperState::Holding);
+        assert_eq!(task.gripper(), GripperCommand::Grip);
+        let (cycle, remaining) = task.advance(GripperState::Holding, &tool, &goal, 0, 0.001);
+        assert_eq!((cycle, task.gripper()), (LifeCycle::Done, GripperCommand::Grip));
+        assert!(remaining.distance_m < 1e-12, "it stays where it is");
+    }
+
+    #[test]
+    fn without_a_lift_the_skill_s_goal_is_the_task() {
+        let mut task = TaskState::new(None, DONE, false);
+        let (cycle, remaining) =
+            task.advance(GripperState::None, &at(0.3, 0.0), &at(0.5, 0.0), 0, 0.001);
+        assert_eq!(cycle, LifeCycle::Running);
+        assert!((remaining.distance_m - 0.2).abs() < 1e-12);
+        // A skill of positions does not wait for an orientation.
+        let goal = Pose { orientation: DQuat::from_rotation_z(1.0), ..at(0.5, 0.0) };
+        let (cycle, _) = task.advance(GripperState::None, &at(0.495, 0.0), &goal, 0, 0.001);
+        assert_eq!(cycle, LifeCycle::Done);
+        assert_eq!(task.gripper(), GripperCommand::Release);
+    }
+}
