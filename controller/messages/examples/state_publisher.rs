@@ -17,7 +17,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     frames.frames[1] = Frame::at("end", [2.0, 1.0, 0.0])?;
     let mut command = JointCommand::default();
     while !stop.load(Ordering::Relaxed) {
-        let now_ns = u64::try_from(clock_gettime(ClockId::Monotonic).as_nanos())?;
+        let now = clock_gettime(ClockId::Monotonic);
+        let now_ns = now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64;
         if let Some(newest) = ports.command.receive() {
             command = *newest;
         }
