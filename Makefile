@@ -19,6 +19,9 @@ CARGO ?= cargo
 
 BIN := target/release
 VENV := target/venv
+# Checks licences, sources and doubled versions of dependencies; and advisories, where a database is there.
+DENY_VERSION := 0.20.2
+DENY := target/tools/bin/cargo-deny
 BRIDGE := $(VENV)/bin/sim-bridge
 
 .PHONY: help demo demo-planar test bench experiments experiments-arm robots soak lint build venv seed clean
@@ -122,10 +125,22 @@ experiments-arm: robots build
 	@$(BIN)/learner train config/skills/pick.ron --out target/experiments/pick.model.ron > /dev/null
 	$(BRIDGE) experiments --model target/experiments/pick.model.ron $(if $(QUICK),--quick)
 
-lint: venv
+$(DENY):
+	@echo '== setting up cargo-deny'
+	CARGO_TARGET_DIR=target/tools/build CARGO_PROFILE_RELEASE_OPT_LEVEL=0 CARGO_PROFILE_RELEASE_LTO=off \
+	    CARGO_PROFILE_RELEASE_DEBUG=0 CARGO_PROFILE_RELEASE_CODEGEN_UNITS=64 \
+	    $(CARGO) install --quiet --locked --root target/tools --version $(DENY_VERSION) cargo-deny
+	@rm -rf target/tools/build
+
+lint: venv $(DENY)
 	@echo '== lint'
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --release --locked --workspace --all-targets -- -D warnings
+	RUSTDOCFLAGS='-D warnings' $(CARGO) doc --release --locked --workspace --no-deps --quiet
+	$(DENY) --offline --locked --workspace check --hide-inclusion-graph bans licenses sources
+	@if [ -d $${CARGO_HOME:-$$HOME/.cargo}/advisory-dbs ]; then \
+	    $(DENY) --offline --locked --workspace check advisories; \
+	else echo 'advisories: not checked, there is no database here; `cargo deny fetch db` fetches it where there is a network'; fi
 	$(VENV)/bin/ruff check sim-bridge
 	$(VENV)/bin/ruff format --check sim-bridge
 
