@@ -62,7 +62,8 @@ const NEVER: &[(&str, &[&str], &str, &str)] = &[
     ("controller/rmpflow/src", &[], "std::fs", "the mathematics do no I/O"),
     ("controller/messages/src", &[], "use tprmp_", "messages know no robot, model or policy"),
     ("controller/model/src", &[], "iceoryx2", "files know no shared memory"),
-    ("learner/drawing/src", &[], "use tprmp_", "drawing knows no model or policy"),
+    ("learner/drawing/src", &[], "tprmp_rmpflow", "drawing knows no policy"),
+    ("learner/drawing/src", &[], "tprmp_model", "drawing knows no model"),
 ];
 
 #[test]
