@@ -217,7 +217,7 @@ fn with_components(model: &SkillModel, count: usize) -> SkillModel {
         let others = field.components.clone();
         field.components = others.into_iter().cycle().take(count - 1).chain([goal]).collect();
     };
-    if let skill_model::Policy::Canonical { position, orientation } = &mut model.policy {
+    if let skill_model::PolicyModel::Canonical { position, orientation } = &mut model.policy {
         repeated(position);
         orientation.iter_mut().for_each(repeated);
     }

@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use nalgebra::DMatrix;
 use tprmp_model::skill_model::{
-    Canonical, Certificate, FieldModel, Fit, FrameMixture, Policy, Pose, ProgramFit, SkillModel,
-    ThesisModel,
+    Canonical, Certificate, FieldModel, Fit, FrameMixture, PolicyModel, Pose, ProgramFit,
+    SkillModel, ThesisModel,
 };
 
 use crate::mixture::components::Choice;
@@ -100,13 +100,13 @@ pub fn inspected(model: &SkillModel) -> String {
         .expect("a string grows");
     }
     match &model.policy {
-        Policy::Canonical { position, orientation } => {
+        PolicyModel::Canonical { position, orientation } => {
             field(&mut text, "position", "m", position);
             if let Some(orientation) = orientation {
                 field(&mut text, "orientation", "rad", orientation);
             }
         }
-        Policy::Thesis(policy) => thesis(&mut text, policy),
+        PolicyModel::Thesis(policy) => thesis(&mut text, policy),
     }
     text.push_str("\nGaussian  prior  phase  mean (position [m], rotation [rad])\n");
     for (k, gaussian) in model.gaussians.iter().enumerate() {

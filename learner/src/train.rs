@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use tprmp_model::skill_model::{
     Canonical, Certificate, DemonstrationRollout, EvaluationError, Figure, Fit, FrameMixture,
-    Policy, ProgramFit, ProgramStatus, Provenance, SkillModel, Source, Waypoint,
+    PolicyModel, ProgramFit, ProgramStatus, Provenance, SkillModel, Source, Waypoint,
 };
 use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
 
@@ -208,7 +208,7 @@ struct FittedPolicy {
     set: CanonicalSet,
     mixture: TpGmm,
     frames: Vec<FrameMixture>,
-    policy: Policy,
+    policy: PolicyModel,
     programs: Vec<ProgramFit>,
 }
 

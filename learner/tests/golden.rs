@@ -8,7 +8,7 @@ use std::path::Path;
 use common::{Folder, arcs, skill_text};
 use tprmp_learner::skill::Skill;
 use tprmp_learner::train::learn;
-use tprmp_model::skill_model::{Manifold, Policy, to_text};
+use tprmp_model::skill_model::{Manifold, PolicyModel, to_text};
 
 /// Numbers may differ by so much, relatively and for numbers near zero: another machine's
 /// logarithms do, and what is computed from them.
@@ -43,7 +43,7 @@ fn check(name: &str, template: &str, manifold: Manifold) {
     let skill = skill.with_components(COMPONENTS).unwrap();
     let trained = learn(&skill, &arcs(manifold), 1, &mut |_| {}).unwrap();
     let mut text = to_text(&trained.model);
-    if matches!(trained.model.policy, Policy::Thesis(_)) {
+    if matches!(trained.model.policy, PolicyModel::Thesis(_)) {
         // Its rollouts pass between attractors: they are not for comparing.
         text.truncate(text.find("\n    fit: (").expect("a model tells its fit"));
     }

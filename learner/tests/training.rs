@@ -12,7 +12,7 @@ use tprmp_learner::report;
 use tprmp_learner::skill::Initialisation;
 use tprmp_learner::train::{TrainError, Trained, learn, train};
 use tprmp_model::skill_model::{
-    self, FieldModel, Figure, Manifold, Policy, ProgramStatus, to_text,
+    self, FieldModel, Figure, Manifold, PolicyModel, ProgramStatus, to_text,
 };
 use tprmp_spatial::Pose;
 
@@ -23,8 +23,8 @@ fn learned(template: &str, shown: &[Demonstration]) -> Result<Trained, TrainErro
 /// The orientation field of a canonical model.
 fn orientation(trained: &Trained) -> Option<&FieldModel> {
     match &trained.model.policy {
-        Policy::Canonical { orientation, .. } => orientation.as_ref(),
-        Policy::Thesis(_) => panic!("a canonical model"),
+        PolicyModel::Canonical { orientation, .. } => orientation.as_ref(),
+        PolicyModel::Thesis(_) => panic!("a canonical model"),
     }
 }
 

@@ -7,9 +7,9 @@ use proptest::prelude::*;
 use tprmp_model::skill_model::{
     ActiveConstraints, Adaptation, BlockCertificate, COORDINATES, Canonical, Certificate,
     Component, Constraints, DemonstrationRollout, FieldModel, Figure, Fit, FrameGaussian,
-    FrameMixture, Gaussian, Manifold, ModelError, Policy, Pose, Program, ProgramFit, ProgramStatus,
-    Provenance, Rollouts, SPLINES, SkillModel, Source, ThesisModel, ValleyCertificate, Waypoint,
-    read, to_text, write,
+    FrameMixture, Gaussian, Manifold, ModelError, PolicyModel, Pose, Program, ProgramFit,
+    ProgramStatus, Provenance, Rollouts, SPLINES, SkillModel, Source, ThesisModel,
+    ValleyCertificate, Waypoint, read, to_text, write,
 };
 
 /// A folder of this test alone, removed at its end.
@@ -104,7 +104,7 @@ fn model() -> SkillModel {
             covariance: vec![vec![0.1, 0.01], vec![0.01, 0.1]],
         }],
         frames: ["start", "end", "way"].map(frame).to_vec(),
-        policy: Policy::Canonical {
+        policy: PolicyModel::Canonical {
             position: FieldModel {
                 damping_1_s: 8.0,
                 phase_width: 0.15,
@@ -167,8 +167,8 @@ fn model() -> SkillModel {
 /// The position field of a canonical model.
 fn position(model: &mut SkillModel) -> &mut FieldModel {
     match &mut model.policy {
-        Policy::Canonical { position, .. } => position,
-        Policy::Thesis(_) => panic!("a canonical model"),
+        PolicyModel::Canonical { position, .. } => position,
+        PolicyModel::Thesis(_) => panic!("a canonical model"),
     }
 }
 
@@ -179,7 +179,7 @@ fn thesis() -> SkillModel {
         potentials: vec![0.0],
         damping: vec![1.5],
     };
-    SkillModel { policy: Policy::Thesis(policy), ..model() }
+    SkillModel { policy: PolicyModel::Thesis(policy), ..model() }
 }
 
 #[test]
@@ -387,7 +387,7 @@ fn the_thesis_policy_is_stored_too_and_checked() {
     let invalid = |change: &dyn Fn(&mut ThesisModel)| {
         folder.invalid(|m| {
             *m = thesis();
-            if let Policy::Thesis(policy) = &mut m.policy {
+            if let PolicyModel::Thesis(policy) = &mut m.policy {
                 change(policy);
             }
         })

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use nalgebra::DMatrix;
-use tprmp_model::skill_model::{EvaluationError, Policy, SkillModel};
+use tprmp_model::skill_model::{EvaluationError, PolicyModel, SkillModel};
 use tprmp_rmpflow::natural::Natural;
 use tprmp_rmpflow::policy::{PolicyState, SkillInertia, SkillPolicy, SkillValue, SpeedGovernor};
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
@@ -89,12 +89,12 @@ impl Model {
         let linear_kg = thesis_inertia_kg(model).unwrap_or(INERTIA_KG);
         let inertia = SkillInertia { linear_kg, angular_kg_m2: INERTIA_KG_M2 };
         let governor = match &model.policy {
-            Policy::Canonical { position, .. } => Some(SpeedGovernor {
+            PolicyModel::Canonical { position, .. } => Some(SpeedGovernor {
                 linear_max_m_s: SPEED_MAX_M_S,
                 angular_max_rad_s: ANGULAR_SPEED_MAX_RAD_S,
                 response_1_s: position.damping_1_s,
             }),
-            Policy::Thesis(_) => None,
+            PolicyModel::Thesis(_) => None,
         };
         Ok(Self { policy: model.policy()?, inertia, governor })
     }
@@ -109,7 +109,7 @@ impl Model {
 /// The thesis' policy has an inertia of its own, γ Σ Λ at the goal's component; the mean of its linear
 /// eigenvalues [kg].
 fn thesis_inertia_kg(model: &SkillModel) -> Option<f64> {
-    let Policy::Thesis(thesis) = &model.policy else { return None };
+    let PolicyModel::Thesis(thesis) = &model.policy else { return None };
     let n = model.manifold.position_dimension();
     let mut trace = 0.0;
     for frame in &model.frames {

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, SMatrix, SVector};
 use tprmp_model::skill_model::{
-    BlockCertificate, EvaluationError, FieldModel, Policy, SkillModel, ValleyCertificate,
+    BlockCertificate, EvaluationError, FieldModel, PolicyModel, SkillModel, ValleyCertificate,
 };
 use tprmp_rmpflow::policy::canonical::field::Component;
 use tprmp_rmpflow::policy::thesis::product_skill::{ProductSkill, ProductState};
@@ -87,7 +87,7 @@ impl<'a> Learned<'a> {
     /// What can be said of the metric, and of the goal with these frames.
     #[must_use]
     pub fn blocks(&self, frames: &[Pose], goal: &Pose) -> Vec<BlockCertificate> {
-        if let Policy::Canonical { position, orientation } = &self.model.policy {
+        if let PolicyModel::Canonical { position, orientation } = &self.model.policy {
             let mut blocks = vec![if position.components[0].mean.len() == 3 {
                 field_block::<3>("position", position)
             } else {

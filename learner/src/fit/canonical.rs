@@ -4,7 +4,7 @@ use glam::DVec3;
 use nalgebra::{SMatrix, SVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use tprmp_model::skill_model::{FieldModel, Policy, Program, ProgramFit};
+use tprmp_model::skill_model::{FieldModel, PolicyModel, Program, ProgramFit};
 
 use crate::canonical::CanonicalSet;
 use crate::canonical::savitzky_golay::Path;
@@ -24,7 +24,7 @@ pub fn fit(
     mixture: &TpGmm,
     set: &CanonicalSet,
     seed: u64,
-) -> Result<(Policy, Vec<ProgramFit>), NotSolved> {
+) -> Result<(PolicyModel, Vec<ProgramFit>), NotSolved> {
     // Each block has a stream of random numbers of its own, so that they can be fitted at once.
     let random = |stream| {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -59,7 +59,7 @@ pub fn fit(
         programs.push(figures);
         field
     });
-    Ok((Policy::Canonical { position, orientation }, programs))
+    Ok((PolicyModel::Canonical { position, orientation }, programs))
 }
 
 /// One block of the joint coordinates.

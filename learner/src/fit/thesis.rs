@@ -27,8 +27,8 @@ use glam::DVec3;
 use nalgebra::{Cholesky, DMatrix, SVector};
 use rayon::prelude::*;
 use tprmp_model::skill_model::{
-    ActiveConstraints, Constraints, Figure, FrameMixture, Manifold, Policy, Program, ProgramFit,
-    ThesisModel, product_skill,
+    ActiveConstraints, Constraints, Figure, FrameMixture, Manifold, PolicyModel, Program,
+    ProgramFit, ThesisModel, product_skill,
 };
 use tprmp_rmpflow::policy::thesis::gaussian_field::GaussianField;
 use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
@@ -88,7 +88,7 @@ pub fn fit(
     settings: &ThesisSettings,
     demonstrations: &[Demonstration],
     set: &CanonicalSet,
-) -> Result<(Policy, Vec<ProgramFit>), FitError> {
+) -> Result<(PolicyModel, Vec<ProgramFit>), FitError> {
     match skill.manifold {
         Manifold::R2 => fit_in::<2>(mixture, skill, settings, demonstrations, set),
         Manifold::R3 => fit_in::<3>(mixture, skill, settings, demonstrations, set),
@@ -102,7 +102,7 @@ fn fit_in<const D: usize>(
     settings: &ThesisSettings,
     demonstrations: &[Demonstration],
     set: &CanonicalSet,
-) -> Result<(Policy, Vec<ProgramFit>), FitError> {
+) -> Result<(PolicyModel, Vec<ProgramFit>), FitError> {
     let components = mixture[0].gaussians.len();
     let mut thesis = unfitted(settings, components);
     let pairs: Vec<_> = demonstrations.iter().zip(&set.demonstrations).collect();
@@ -119,7 +119,7 @@ fn fit_in<const D: usize>(
     thesis.potentials = potentials;
     let (damping, damping_fit) = fit_damping(&shown(&thesis)?, settings)?;
     thesis.damping = damping;
-    Ok((Policy::Thesis(thesis), vec![potential_fit, damping_fit]))
+    Ok((PolicyModel::Thesis(thesis), vec![potential_fit, damping_fit]))
 }
 
 /// The moving samples of a demonstration in the chart of the field with its frames.

@@ -5,7 +5,7 @@
 
 use glam::DVec2;
 use nalgebra::Vector2;
-use tprmp_model::skill_model::{Policy, SkillModel};
+use tprmp_model::skill_model::{PolicyModel, SkillModel};
 use tprmp_rmpflow::policy::SkillPolicy;
 use tprmp_rmpflow::policy::thesis::gaussian_field::{GaussianComponent, GaussianField};
 use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
@@ -47,7 +47,7 @@ impl Forces {
     /// The components with these frames. `None` when the policy is not a product in the plane, whose
     /// components differ by place and not by phase, or there is no product of the Gaussians.
     pub(super) fn new(model: &SkillModel, policy: &SkillPolicy, frames: &[Pose]) -> Option<Self> {
-        let (Policy::Thesis(thesis), SkillPolicy::Plane(product)) = (&model.policy, policy) else {
+        let (PolicyModel::Thesis(thesis), SkillPolicy::Plane(product)) = (&model.policy, policy) else {
             return None;
         };
         let frames: Vec<_> = frames.iter().copied().map(MovingPose::at_rest).collect();

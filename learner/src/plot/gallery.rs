@@ -260,10 +260,10 @@ fn profile(model: &SkillModel, demonstrations: &[Demonstration]) -> PhaseProfile
     let duration = |d: &Demonstration| (moving(&d.poses).len() - 1) as f64 * d.sampling_time_s;
     let mean_s = demonstrations.iter().map(duration).sum::<f64>() / demonstrations.len() as f64;
     match &model.policy {
-        skill_model::Policy::Canonical { position, .. } => {
+        skill_model::PolicyModel::Canonical { position, .. } => {
             PhaseProfile::damped(mean_s, position.damping_1_s)
         }
-        skill_model::Policy::Thesis(_) => PhaseProfile::linear(),
+        skill_model::PolicyModel::Thesis(_) => PhaseProfile::linear(),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
-use tprmp_model::skill_model::{EvaluationError, Manifold, Policy, SkillModel};
+use tprmp_model::skill_model::{EvaluationError, Manifold, PolicyModel, SkillModel};
 use tprmp_rmpflow::policy::canonical::frame_map::{Canonical, FrameMap, FrameTransforms};
 use tprmp_rmpflow::policy::thesis::gaussian_field::{GaussianComponent, GaussianField};
 use tprmp_rmpflow::policy::thesis::product_skill::{ProductSkill, ProductState};
@@ -98,7 +98,7 @@ impl<'a> Skill<'a> {
 /// A model without what leads its orientation, where that is a field of its own.
 pub fn position_part(model: &SkillModel) -> SkillModel {
     let mut part = model.clone();
-    if let Policy::Canonical { orientation, .. } = &mut part.policy
+    if let PolicyModel::Canonical { orientation, .. } = &mut part.policy
         && orientation.take().is_some()
     {
         part.manifold = Manifold::R3;

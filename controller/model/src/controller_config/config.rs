@@ -51,7 +51,7 @@ pub struct Robot {
     /// Distance kept from the URDF's position limits \[rad or m\].
     pub position_margin: f64,
     /// Least and greatest position of joints that are to use less than the URDF permits
-    /// \[rad or m\]: what keeps an arm from turning its elbow or its shoulder over. Outside, a joint
+    /// \[rad or m\]: what keeps an arm from folding its elbow or its shoulder over. Outside, a joint
     /// may only come back.
     pub working_range: BTreeMap<String, [f64; 2]>,
 }
@@ -111,12 +111,12 @@ pub struct Impedance {
     pub stiffness_1_s2: f64,
     /// Damping towards the integrated velocity \[1/s\].
     pub damping_1_s: f64,
-    /// Time in which the integrated state gives way to the measured one \[s\].
+    /// Time constant with which the integrated state approaches the measured one \[s\].
     pub reference_time_constant_s: f64,
 }
 
 /// How fast a push may move the joints. A joint that is disturbed resists once the push would drive it
-/// beyond this speed; up to there the impedance gives way.
+/// beyond this speed; up to there the impedance yields.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Disturbance {

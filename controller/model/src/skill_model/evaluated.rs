@@ -10,7 +10,10 @@ use tprmp_rmpflow::policy::thesis::product_skill::{
     ProductComponent, ProductSkill, ProductSkillError,
 };
 
-use super::{FieldModel, FrameGaussian, FrameMixture, Manifold, Policy, SkillModel, ThesisModel};
+use crate::skill_model::model::{
+    Adaptation, FieldModel, FrameGaussian, FrameMixture, Manifold, PolicyModel, Pose, SkillModel,
+    ThesisModel, Waypoint,
+};
 
 /// Why a model cannot be evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -43,10 +46,10 @@ impl SkillModel {
     /// are at the edge of what can be computed with.
     pub fn policy(&self) -> Result<SkillPolicy, EvaluationError> {
         Ok(match &self.policy {
-            Policy::Canonical { position, orientation } => {
+            PolicyModel::Canonical { position, orientation } => {
                 SkillPolicy::Canonical(self.canonical_skill(position, orientation.as_ref())?)
             }
-            Policy::Thesis(thesis) => match self.manifold {
+            PolicyModel::Thesis(thesis) => match self.manifold {
                 Manifold::R2 => SkillPolicy::Plane(product_skill(&self.frames, thesis)?),
                 Manifold::R3 => SkillPolicy::Space(product_skill(&self.frames, thesis)?),
                 Manifold::R3S3 => SkillPolicy::Pose(product_skill(&self.frames, thesis)?),
@@ -66,7 +69,7 @@ impl SkillModel {
         let index = |name: &str| {
             self.frames.iter().position(|frame| frame.name == name).expect("a frame of the model")
         };
-        let anchor = |name: &str, pose: &super::Pose, point_m: [f64; 3], phase| Anchor {
+        let anchor = |name: &str, pose: &Pose, point_m: [f64; 3], phase| Anchor {
             index: index(name),
             frame: (*pose).into(),
             point: DVec3::from_array(point_m),
@@ -77,15 +80,16 @@ impl SkillModel {
             let start = &canonical.start;
             anchors.push(anchor(&self.start_frame, start, start.position_m, canonical.start_phase));
         }
-        for way in &canonical.waypoints {
-            anchors.push(anchor(&way.frame, &way.pose, way.point_m, way.phase));
+        for waypoint in &canonical.waypoints {
+            let Waypoint { frame, pose, point_m, phase } = waypoint;
+            anchors.push(anchor(frame, pose, *point_m, *phase));
         }
         let goal = &canonical.goal;
         let (frame, phase) = (&canonical.goal_frame, canonical.goal_phase);
         anchors.push(anchor(&self.goal_frame, frame, goal.position_m, phase));
         let map = FrameMap::new(&anchors, (*goal).into(), canonical.rotate_positions)?;
         let adaptation = canonical.adaptation.as_ref();
-        Ok(map.with_adaptation(adaptation.and_then(super::Adaptation::evaluated)))
+        Ok(map.with_adaptation(adaptation.and_then(Adaptation::evaluated)))
     }
 
     fn canonical_skill(

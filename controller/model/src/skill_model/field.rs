@@ -4,7 +4,7 @@ use glam::{DQuat, DVec3};
 use nalgebra::{SMatrix, SVector};
 use tprmp_rmpflow::policy::canonical::field::{self, Field};
 
-use super::{Component, FieldModel, Pose};
+use crate::skill_model::model::{Component, FieldModel, Pose};
 
 impl From<Pose> for tprmp_spatial::Pose {
     fn from(pose: Pose) -> Self {

@@ -5,9 +5,12 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::{SCHEMA, SkillModel};
 use crate::ron_text::{compact, entries};
+use crate::skill_model::model::SkillModel;
 use crate::skill_model::upgrade::{SCHEMA_BEFORE, upgraded};
+
+/// Schema version this crate writes, and reads beside the last one.
+pub const SCHEMA: &str = "tprmp-model/6";
 
 /// Why a model file was refused.
 #[derive(Debug, thiserror::Error)]

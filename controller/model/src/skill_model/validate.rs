@@ -1,11 +1,13 @@
 //! The rules a model obeys.
 
 use nalgebra::DMatrix;
+use tprmp_rmpflow::policy::FRAME_CAPACITY;
+use tprmp_rmpflow::policy::canonical::adaptation::SPLINES;
 use tprmp_rmpflow::policy::canonical::field::COMPONENT_CAPACITY;
 use tprmp_rmpflow::policy::canonical::frame_map::PHASE_DISTANCE_MIN;
 
-use super::{
-    Component, FRAME_CAPACITY, FieldModel, Gaussian, Policy, Pose, SPLINES, SkillModel, ThesisModel,
+use crate::skill_model::model::{
+    Component, FieldModel, Gaussian, PolicyModel, Pose, SkillModel, ThesisModel,
 };
 
 /// A key of the body, and what is wrong with its value.
@@ -37,10 +39,10 @@ impl SkillModel {
         self.validate_waypoints()?;
         self.validate_adaptation()?;
         match &self.policy {
-            Policy::Canonical { position, orientation } => {
+            PolicyModel::Canonical { position, orientation } => {
                 self.validate_canonical(position, orientation.as_ref())?;
             }
-            Policy::Thesis(policy) => self.validate_thesis(policy)?,
+            PolicyModel::Thesis(policy) => self.validate_thesis(policy)?,
         }
         finite("fit.em_log_likelihood", &[self.fit.em_log_likelihood])
     }
@@ -96,18 +98,23 @@ impl SkillModel {
     }
 
     fn validate_waypoints(&self) -> Result<(), Violation> {
-        for (i, way) in self.canonical.waypoints.iter().enumerate() {
+        for (i, waypoint) in self.canonical.waypoints.iter().enumerate() {
             let key = format!("canonical.waypoints[{i}]");
-            pose(&format!("{key}.pose"), &way.pose)?;
-            finite(&format!("{key}.point_m"), &way.point_m)?;
+            pose(&format!("{key}.pose"), &waypoint.pose)?;
+            finite(&format!("{key}.point_m"), &waypoint.point_m)?;
             let others = [&self.start_frame, &self.goal_frame];
-            let known = self.frames.iter().any(|frame| frame.name == way.frame);
+            let known = self.frames.iter().any(|frame| frame.name == waypoint.frame);
             let before = &self.canonical.waypoints[..i];
-            let twice = before.iter().any(|other| other.frame == way.frame);
+            let twice = before.iter().any(|other| other.frame == waypoint.frame);
             require(
-                known && !twice && !others.contains(&&way.frame),
+                known && !twice && !others.contains(&&waypoint.frame),
                 format!("{key}.frame"),
-                || format!("expected a frame of its own among `frames`, found `{}`", way.frame),
+                || {
+                    format!(
+                        "expected a frame of its own among `frames`, found `{}`",
+                        waypoint.frame
+                    )
+                },
             )?;
         }
         let range = |key: &str, phase: f64| {

@@ -1,52 +1,10 @@
-//! The frozen model of a learned skill: its schema, reader, writer and validation.
-//!
-//! The file is RON text, `(schema: "tprmp-model/6", checksum: "sha256:…", body: (…))`. The checksum
-//! is the SHA-256 of the body without spaces, comments and commas before closing brackets, so that
-//! comments and layout may change, numbers may not. Files of the last version's schema are read too.
-//!
-//! *Canonical coordinates* are those of the space in which all demonstrations share their start
-//! frame and goal frame [m], and, for the orientation, the rotation vector at the goal,
-//! `q_y = q_g · exp(y_r)` [rad, full angle]. So the goal of the orientation block is `y_r = 0`.
-//!
-//! The canonical policy has a field for each block, on z = (y, s) with the phase s as last coordinate, 0 at
-//! the start and 1 at the goal (`v_k = z − μ_k`, `s_k` the last coordinate of `μ_k`, `G` the last
-//! component):
-//!
-//! ```text
-//! e_k = exp(−½ (s − s_k)²/phase_width²),  w_k = e_k / Σe
-//! φ_k = φ⁰_k + g_kᵀv_k + ½ v_kᵀS_kv_k
-//! Φ = Σ w_k φ_k,  M = Σ w_k M_k,  z̈ = −M⁻¹(∇Φ + ξ) − d ż
-//! ```
-//!
-//! Φ and M are divided by the goal's metric, so that `M_G = I` in y: no acceleration changes.
-//!
-//! The thesis' policy multiplies the Gaussians of all frames in the world [thesis eq. 3.6] and has
-//! Huber potentials [4.10–4.11], the metric 4.5 and the damping 4.17 on them; see
-//! `tprmp_rmpflow`.
-
-mod evaluated;
-mod field;
-mod file;
-mod fit;
-mod upgrade;
-mod validate;
-
-pub use evaluated::{EvaluationError, product_skill};
-pub use file::{ModelError, read, sha256_hex, to_text, write};
-pub use fit::{
-    ActiveConstraints, Constraints, DemonstrationRollout, Figure, Fit, Program, ProgramFit,
-    ProgramStatus,
-};
+//! What a model file holds, but for the fit and the certificate.
 
 use serde::{Deserialize, Serialize};
+use tprmp_rmpflow::policy::canonical::adaptation::{self, COORDINATES};
 
-pub use tprmp_rmpflow::policy::FRAME_CAPACITY;
-pub use tprmp_rmpflow::policy::canonical::adaptation::{COORDINATES, SPLINES};
-
-use tprmp_rmpflow::policy::canonical::adaptation;
-
-/// Schema version this crate writes, and reads beside the last one.
-pub const SCHEMA: &str = "tprmp-model/6";
+use crate::skill_model::certificate::Certificate;
+use crate::skill_model::fit::Fit;
 
 /// Space in which a skill moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -124,7 +82,7 @@ pub struct SkillModel {
     /// The same mixture seen from each frame: start, goal, others.
     pub frames: Vec<FrameMixture>,
     /// What moves the tool.
-    pub policy: Policy,
+    pub policy: PolicyModel,
     /// How well the model was fitted.
     pub fit: Fit,
     /// What was proved, and what was tried.
@@ -135,7 +93,7 @@ pub struct SkillModel {
 
 /// The policy of a skill.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Policy {
+pub enum PolicyModel {
     /// Fields in canonical coordinates.
     Canonical {
         /// Position field [m].
@@ -193,7 +151,7 @@ pub struct Canonical {
     pub goal_frame: Pose,
     /// Pose of the tool when the skill is done.
     pub goal: Pose,
-    /// Whether the way to the goal turns with the frames, or only the tool's orientation does.
+    /// Whether the path to the goal rotates with the frames, or only the tool's orientation does.
     pub rotate_positions: bool,
     /// Phase up to which the skill is fixed to the start frame, from 0.
     pub start_phase: f64,
@@ -201,8 +159,8 @@ pub struct Canonical {
     pub goal_phase: f64,
     /// Further frames, in the order in which the skill passes them.
     pub waypoints: Vec<Waypoint>,
-    /// How the way bends with the shift of the goal frame against the start frame, as far as the
-    /// demonstrations show it; only without further frames.
+    /// How the path changes with the shift of the goal frame against the start frame, as far as the
+    /// demonstrations differ in it; only without further frames.
     pub adaptation: Option<Adaptation>,
 }
 
@@ -210,12 +168,12 @@ pub struct Canonical {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Adaptation {
-    /// ℓ_p: largest displacement of the goal frame that was shown [m]; 0 where none was.
+    /// ℓ_p: largest displacement of the goal frame in the demonstrations [m]; 0 without any.
     pub reach_m: f64,
-    /// ℓ_r: largest turn of the goal frame that was shown [rad]; 0 where none was.
+    /// ℓ_r: largest rotation of the goal frame in the demonstrations [rad]; 0 without any.
     pub reach_rad: f64,
     /// E_j for each of the B-splines over the phase, row by row: position [m] before rotation [rad];
-    /// columns: displacement before turn.
+    /// columns: displacement before rotation.
     pub coefficients: Vec<[[f64; COORDINATES]; COORDINATES]>,
 }
 
@@ -243,7 +201,7 @@ pub struct Waypoint {
     pub frame: String,
     /// The frame.
     pub pose: Pose,
-    /// Where the tool passes it [m]: there the way is fixed to the frame.
+    /// Where the tool passes it [m]: there the path is fixed to the frame.
     pub point_m: [f64; 3],
     /// Phase at which the tool passes it, between those of the start and the goal frame.
     pub phase: f64,
@@ -290,100 +248,6 @@ pub struct Gaussian {
     pub mean: Vec<f64>,
     /// Covariance, rows.
     pub covariance: Vec<Vec<f64>>,
-}
-
-/// What was proved of a model, and what was tried.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Certificate {
-    /// Why it is not certified; empty when it is.
-    pub failures: Vec<String>,
-    /// Its blocks: position and orientation, or the pose as a whole.
-    pub blocks: Vec<BlockCertificate>,
-    /// Rollouts from random starts with the frames of the demonstrations.
-    pub demonstrated_frames: Rollouts,
-    /// The same with displaced and turned frames.
-    pub displaced_frames: Rollouts,
-    /// Step of these rollouts [s].
-    pub step_s: f64,
-}
-
-/// A block of the policy at its goal, and its metric.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct BlockCertificate {
-    /// `position`, `orientation` or `pose`.
-    pub name: String,
-    /// No eigenvalue of the metric is smaller, anywhere: it is a mean of the components' metrics.
-    pub metric_eigenvalue_min: f64,
-    /// No eigenvalue of the metric is larger, anywhere.
-    pub metric_eigenvalue_max: f64,
-    /// |M⁻¹∇Φ| at the goal [m/s² or rad/s²]: zero when the goal is at rest.
-    pub goal_gradient: f64,
-    /// Smallest eigenvalue of the Hessian at the goal relative to the metric [1/s²]: positive when
-    /// the goal is a strict minimum.
-    pub goal_hessian_min_1_s2: f64,
-    /// The valley of a canonical field.
-    pub valley: Option<ValleyCertificate>,
-}
-
-/// For each phase a canonical potential is a quadratic with one lowest point; these points are its
-/// valley. Where the valley falls towards the goal everywhere, the goal is the only place of rest.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ValleyCertificate {
-    /// Phases at which it was looked at.
-    pub phases: u32,
-    /// Smallest eigenvalue of the Hessian of Φ in the coordinates without the phase, relative to the
-    /// metric [1/s²]: no smaller at any phase, since both are means of the components'.
-    pub stiffness_min_1_s2: f64,
-    /// Least fall of the potential along the valley towards the goal, over a fraction of the phase
-    /// [u²/s²], outside of the surroundings of the goal for which its Hessian speaks.
-    pub descent_min: f64,
-}
-
-/// Figures of rollouts from random starts around the demonstrations.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Rollouts {
-    /// Starts that were tried.
-    pub starts: u32,
-    /// Starts from which the goal was reached.
-    pub reached: u32,
-    /// Largest final distance to the goal [m].
-    pub goal_error_max_m: f64,
-    /// Largest final angle to the goal [rad].
-    pub goal_error_max_rad: f64,
-    /// Largest rise of `V = Φ + ½żᵀMż` in a step, relative to its value at the start above that at the
-    /// goal.
-    pub energy_rise_max: f64,
-}
-
-impl Certificate {
-    /// Before anything was examined.
-    #[must_use]
-    pub fn none() -> Self {
-        let rollouts = Rollouts {
-            starts: 0,
-            reached: 0,
-            goal_error_max_m: 0.0,
-            goal_error_max_rad: 0.0,
-            energy_rise_max: 0.0,
-        };
-        Self {
-            failures: vec!["nothing was examined".into()],
-            blocks: Vec::new(),
-            demonstrated_frames: rollouts.clone(),
-            displaced_frames: rollouts,
-            step_s: 0.0,
-        }
-    }
-
-    /// Whether nothing failed.
-    #[must_use]
-    pub fn holds(&self) -> bool {
-        self.failures.is_empty()
-    }
 }
 
 /// Where a model comes from.

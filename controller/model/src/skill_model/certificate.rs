@@ -1,0 +1,97 @@
+//! What was proved of a model, and what was tried.
+
+use serde::{Deserialize, Serialize};
+
+/// What was proved of a model, and what was tried.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Certificate {
+    /// Why it is not certified; empty when it is.
+    pub failures: Vec<String>,
+    /// Its blocks: position and orientation, or the pose as a whole.
+    pub blocks: Vec<BlockCertificate>,
+    /// Rollouts from random starts with the frames of the demonstrations.
+    pub demonstrated_frames: Rollouts,
+    /// The same with displaced and turned frames.
+    pub displaced_frames: Rollouts,
+    /// Step of these rollouts [s].
+    pub step_s: f64,
+}
+
+/// A block of the policy at its goal, and its metric.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BlockCertificate {
+    /// `position`, `orientation` or `pose`.
+    pub name: String,
+    /// No eigenvalue of the metric is smaller, anywhere: it is a mean of the components' metrics.
+    pub metric_eigenvalue_min: f64,
+    /// No eigenvalue of the metric is larger, anywhere.
+    pub metric_eigenvalue_max: f64,
+    /// |M⁻¹∇Φ| at the goal [m/s² or rad/s²]: zero when the goal is at rest.
+    pub goal_gradient: f64,
+    /// Smallest eigenvalue of the Hessian at the goal relative to the metric [1/s²]: positive when
+    /// the goal is a strict minimum.
+    pub goal_hessian_min_1_s2: f64,
+    /// The valley of a canonical field.
+    pub valley: Option<ValleyCertificate>,
+}
+
+/// For each phase a canonical potential is a quadratic with one lowest point; these points are its
+/// valley. Where the valley falls towards the goal everywhere, the goal is the only place of rest.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ValleyCertificate {
+    /// Phases at which it was looked at.
+    pub phases: u32,
+    /// Smallest eigenvalue of the Hessian of Φ in the coordinates without the phase, relative to the
+    /// metric [1/s²]: no smaller at any phase, since both are means of the components'.
+    pub stiffness_min_1_s2: f64,
+    /// Least fall of the potential along the valley towards the goal, over a fraction of the phase
+    /// [u²/s²], outside of the surroundings of the goal for which its Hessian speaks.
+    pub descent_min: f64,
+}
+
+/// Figures of rollouts from random starts around the demonstrations.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rollouts {
+    /// Starts that were tried.
+    pub starts: u32,
+    /// Starts from which the goal was reached.
+    pub reached: u32,
+    /// Largest final distance to the goal [m].
+    pub goal_error_max_m: f64,
+    /// Largest final angle to the goal [rad].
+    pub goal_error_max_rad: f64,
+    /// Largest rise of `V = Φ + ½żᵀMż` in a step, relative to its value at the start above that at the
+    /// goal.
+    pub energy_rise_max: f64,
+}
+
+impl Certificate {
+    /// Before anything was examined.
+    #[must_use]
+    pub fn none() -> Self {
+        let rollouts = Rollouts {
+            starts: 0,
+            reached: 0,
+            goal_error_max_m: 0.0,
+            goal_error_max_rad: 0.0,
+            energy_rise_max: 0.0,
+        };
+        Self {
+            failures: vec!["nothing was examined".into()],
+            blocks: Vec::new(),
+            demonstrated_frames: rollouts.clone(),
+            displaced_frames: rollouts,
+            step_s: 0.0,
+        }
+    }
+
+    /// Whether nothing failed.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        self.failures.is_empty()
+    }
+}

@@ -1,0 +1,48 @@
+//! The frozen model of a learned skill: its schema, reader, writer and validation.
+//!
+//! The file is RON text, `(schema: "tprmp-model/6", checksum: "sha256:…", body: (…))`. The checksum
+//! is the SHA-256 of the body without spaces, comments and commas before closing brackets, so that
+//! comments and layout may change, numbers may not. Files of the last version's schema are read too.
+//!
+//! *Canonical coordinates* are those of the space in which all demonstrations share their start
+//! frame and goal frame [m], and, for the orientation, the rotation vector at the goal,
+//! `q_y = q_g · exp(y_r)` [rad, full angle]. So the goal of the orientation block is `y_r = 0`.
+//!
+//! The canonical policy has a field for each block, on z = (y, s) with the phase s as last coordinate, 0 at
+//! the start and 1 at the goal (`v_k = z − μ_k`, `s_k` the last coordinate of `μ_k`, `G` the last
+//! component):
+//!
+//! ```text
+//! e_k = exp(−½ (s − s_k)²/phase_width²),  w_k = e_k / Σe
+//! φ_k = φ⁰_k + g_kᵀv_k + ½ v_kᵀS_kv_k
+//! Φ = Σ w_k φ_k,  M = Σ w_k M_k,  z̈ = −M⁻¹(∇Φ + ξ) − d ż
+//! ```
+//!
+//! Φ and M are divided by the goal's metric, so that `M_G = I` in y: no acceleration changes.
+//!
+//! The thesis' policy multiplies the Gaussians of all frames in the world [thesis eq. 3.6] and has
+//! Huber potentials [4.10–4.11], the metric 4.5 and the damping 4.17 on them; see
+//! `tprmp_rmpflow`.
+
+mod certificate;
+mod evaluated;
+mod field;
+mod file;
+mod fit;
+mod model;
+mod upgrade;
+mod validate;
+
+pub use certificate::{BlockCertificate, Certificate, Rollouts, ValleyCertificate};
+pub use evaluated::{EvaluationError, product_skill};
+pub use file::{ModelError, SCHEMA, read, sha256_hex, to_text, write};
+pub use fit::{
+    ActiveConstraints, Constraints, DemonstrationRollout, Figure, Fit, Program, ProgramFit,
+    ProgramStatus,
+};
+pub use model::{
+    Adaptation, Canonical, Component, FieldModel, FrameGaussian, FrameMixture, Gaussian, Manifold,
+    PolicyModel, Pose, Provenance, SkillModel, Source, ThesisModel, Waypoint,
+};
+pub use tprmp_rmpflow::policy::FRAME_CAPACITY;
+pub use tprmp_rmpflow::policy::canonical::adaptation::{COORDINATES, SPLINES};
