@@ -5,10 +5,12 @@ use core::ops::Range;
 
 use glam::DVec3;
 use nalgebra::SVector;
-use tprmp_model::controller_config::{Collision, ControllerConfig, ExemptObstacle, Exemption};
+use tprmp_model::controller_config::{
+    Collision, ControllerConfig, ExemptObstacle, Exemption, PostureLeaf,
+};
 use tprmp_rmpflow::leaves::{
     self, ApproachFunnel, Body, JointLimits, JointSpeedLimits, Obstacle, Part, PoseAttractor,
-    Posture, Proximity, SelfCollision, Shape, Tick,
+    Proximity, SelfCollision, Shape, Tick,
 };
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::policy::{PolicyState, SkillInertia, SkillPolicy, SkillValue, SpeedGovernor};
@@ -285,7 +287,7 @@ impl<const N: usize> RobotPolicy<N> {
         let skills = skills.into_iter().zip(leaves).map(|(policy, leaf)| {
             let frames = first..first + policy.frame_count();
             first = frames.end;
-            let (inertia, governor) = (leaf.inertia(), leaf.governor.governor());
+            let (inertia, governor) = (leaf.inertia(), leaf.governor);
             SkillLeaf { policy, frames, inertia, governor }
         });
         let skills = skills.collect();
@@ -310,9 +312,9 @@ impl<const N: usize> RobotPolicy<N> {
             tree: tree(&chain, control_points, config),
             chain,
             skills,
-            attractor: config.goal_attractor.map(|attractor| attractor.leaf()),
-            approach: config.approach.map(|approach| approach.leaf()),
-            lift: config.lift.map(|lift| lift.attractor.leaf()),
+            attractor: config.goal_attractor,
+            approach: config.approach,
+            lift: config.lift.map(|lift| lift.attractor),
         }
     }
 
@@ -478,27 +480,15 @@ fn tree<const N: usize>(
     let [lower, upper] = working_range(chain, robot);
     let acceleration_max = SVector::<f64, N>::from_column_slice(&robot.acceleration_max);
     Tree {
-        joint_damping: config.joint_damping.leaf(),
-        joint_limits: config.joint_limits.map(|limits| JointLimits {
-            lower,
-            upper,
-            leaf: limits.leaf(),
-        }),
-        joint_speed_limits: config.joint_speeds.map(|speeds| JointSpeedLimits {
+        joint_damping: config.joint_damping,
+        joint_limits: config.joint_limits.map(|leaf| JointLimits { lower, upper, leaf }),
+        joint_speed_limits: config.joint_speeds.map(|leaf| JointSpeedLimits {
             speed_max: chain.velocity_max() * robot.velocity_fraction,
-            free_fraction: speeds.free_fraction,
-            inertia: speeds.inertia,
-            damping_1_s: speeds.damping_1_s,
+            leaf,
         }),
-        posture: config.posture.as_ref().map(|posture| Posture {
-            position: SVector::from_column_slice(&posture.position),
-            inertia: posture.inertia,
-            stiffness_1_s2: posture.stiffness_1_s2,
-            damping_1_s: posture.damping_1_s,
-            saturation: posture.saturation,
-        }),
+        posture: config.posture.as_ref().map(PostureLeaf::leaf),
         self_collision: config.self_collision.as_ref().map(|own| SelfCollision {
-            leaf: own.avoidance.leaf(),
+            leaf: own.avoidance,
             margin_m: own.margin_m,
             pairs: part_pairs(points, &SelfPairs::new(chain, points, &own.exempt)),
         }),

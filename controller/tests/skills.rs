@@ -6,7 +6,8 @@ use glam::DVec3;
 use nalgebra::SVector;
 use tprmp_controller::policy::{RobotPolicy, Task, TaskParameters, Workspace};
 use tprmp_controller::startup;
-use tprmp_model::controller_config::{Attractor, ControllerConfig};
+use tprmp_model::controller_config::ControllerConfig;
+use tprmp_rmpflow::leaves::PoseAttractor;
 use tprmp_spatial::{MovingPose, Pose};
 
 const N: usize = 2;
@@ -102,7 +103,7 @@ fn each_skill_keeps_a_phase_of_its_own() {
 #[test]
 fn a_goal_attractor_draws_beside_the_skill() {
     let shown = frames(DVec3::ZERO);
-    let attractor = |linear_inertia_kg: f64| Attractor {
+    let attractor = |linear_inertia_kg: f64| PoseAttractor {
         linear_inertia_kg,
         angular_inertia_kg_m2: 0.0,
         stiffness_1_s2: 4.0,

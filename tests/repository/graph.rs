@@ -77,10 +77,9 @@ fn expand<'a>(text: &'a str, prefix: &[String], found: &mut Vec<Vec<String>>) ->
         let Some(after) = rest.strip_prefix("::") else {
             found.push(path);
             // The name under which it is imported.
-            return rest
-                .trim_start()
-                .strip_prefix("as ")
-                .map_or(rest, |name| name.trim_start_matches(|c: char| c.is_alphanumeric() || c == '_'));
+            return rest.trim_start().strip_prefix("as ").map_or(rest, |name| {
+                name.trim_start_matches(|c: char| c.is_alphanumeric() || c == '_')
+            });
         };
         rest = after;
     }
@@ -95,7 +94,9 @@ fn rust_graph() -> Graph {
             let text = code(&std::fs::read_to_string(file).unwrap());
             let parent = &module[..module.len().saturating_sub(1)];
             let own = paths_after(&text, "crate::");
-            let above = paths_after(&text, "\nuse super::").into_iter().map(|path| [parent, &path].concat());
+            let above = paths_after(&text, "\nuse super::")
+                .into_iter()
+                .map(|path| [parent, &path].concat());
             let below = paths_after(&text, "pub use ")
                 .into_iter()
                 .filter(|path| path.first().is_some_and(|first| first != "crate"))
@@ -118,7 +119,8 @@ fn python_graph() -> Graph {
         let text = std::fs::read_to_string(file).unwrap();
         let mut targets = BTreeSet::new();
         for line in text.lines() {
-            let words: Vec<&str> = line.split([' ', ',', '(', ')']).filter(|w| !w.is_empty()).collect();
+            let words: Vec<&str> =
+                line.split([' ', ',', '(', ')']).filter(|w| !w.is_empty()).collect();
             let ["from", from, "import", names @ ..] = &words[..] else { continue };
             let own = from.strip_prefix("sim_bridge").map(|rest| (package.clone(), rest));
             let relative = from.strip_prefix('.').map(|rest| {

@@ -21,7 +21,8 @@ fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
         for entry in std::fs::read_dir(&folder).unwrap().flatten() {
             let (path, name) = (entry.path(), entry.file_name().into_string().unwrap());
             if path.is_dir() {
-                let left_out = name == "target" || name.starts_with('.') || name.ends_with("cache__");
+                let left_out =
+                    name == "target" || name.starts_with('.') || name.ends_with("cache__");
                 if !left_out {
                     folders.push(path);
                 }

@@ -55,7 +55,10 @@ fn words_that_were_replaced_do_not_come_back() {
     for path in all {
         let name = own_path(&path);
         // The change log names what was renamed, this file and the readers of old files what is read.
-        if name == "CHANGELOG.md" || name.ends_with("repository/words.rs") || name.contains("renamed") {
+        if name == "CHANGELOG.md"
+            || name.ends_with("repository/words.rs")
+            || name.contains("renamed")
+        {
             continue;
         }
         for (i, line) in std::fs::read_to_string(&path).unwrap().lines().enumerate() {
@@ -65,7 +68,11 @@ fn words_that_were_replaced_do_not_come_back() {
             let everywhere = REPLACED.iter().map(|pair| (pair, line));
             for ((old, new), text) in everywhere.chain(names.iter().map(|pair| (pair, code))) {
                 if words(text).iter().any(|word| word == old) {
-                    found.push(format!("{name}:{}: `{old}`, write `{new}`: {}", i + 1, line.trim()));
+                    found.push(format!(
+                        "{name}:{}: `{old}`, write `{new}`: {}",
+                        i + 1,
+                        line.trim()
+                    ));
                 }
             }
         }

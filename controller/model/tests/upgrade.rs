@@ -1,9 +1,47 @@
-//! A model file that the last version wrote is read.
+//! A model file that the last version wrote is read, and moves a tool as it did.
 
 use std::path::{Path, PathBuf};
 
+use glam::{DQuat, DVec3};
 use tprmp_model::RENAMED_KEYS;
 use tprmp_model::skill_model::{ModelError, SkillModel, read, to_text};
+use tprmp_rmpflow::policy::{PolicyState, SkillInertia};
+use tprmp_spatial::{MovingPose, Pose, Twist};
+
+/// Position of the tool, and the bits of what the last version computed there: force x and y, metric
+/// xy, energy.
+const EXPECTED: [(f64, f64, [u64; 4]); 3] = [
+    (
+        0.05,
+        0.1,
+        [
+            0x3fda_78f7_b778_2914,
+            0x3ff6_cb3b_a165_aba8,
+            0xbfd3_f28e_f48b_a30a,
+            0x3ff6_dbf3_678c_b636,
+        ],
+    ),
+    (
+        0.3,
+        0.2,
+        [
+            0x3fc6_bee8_7cd7_ecf0,
+            0x4009_1cd7_f06c_a414,
+            0xbfdd_5bad_b63b_2f39,
+            0x3fe9_0929_63b0_1f81,
+        ],
+    ),
+    (
+        0.62,
+        0.3,
+        [
+            0xbfea_8be6_d281_fca2,
+            0xbfdd_fbf8_ee86_1592,
+            0xbf52_015e_4cfb_ec08,
+            0xbfe4_bcfa_de73_a535,
+        ],
+    ),
+];
 
 fn old_file() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tprmp-model-5.ron")
@@ -48,6 +86,24 @@ fn a_file_of_the_last_version_has_this_version_s_names() {
         parts.filter_map(|part| part.parse().ok()).collect()
     };
     assert_eq!(numbers(&old), numbers(&new));
+}
+
+#[test]
+fn a_file_of_the_last_version_moves_the_tool_as_it_did() {
+    let policy = read(&old_file()).unwrap().policy().unwrap();
+    let pose =
+        |x: f64, y: f64| Pose { position: DVec3::new(x, y, 0.0), orientation: DQuat::IDENTITY };
+    let frames = [pose(0.05, -0.02), pose(0.65, 0.33)].map(MovingPose::at_rest);
+    let inertia = SkillInertia { linear_kg: 1.0, angular_kg_m2: 0.1 };
+    let mut state = PolicyState::default();
+    let velocity = Twist { linear: DVec3::new(0.2, 0.1, 0.0), angular: DVec3::ZERO };
+    for (x, y, expected) in EXPECTED {
+        state.restart();
+        let value = policy.evaluate(&inertia, &frames, &pose(x, y), &velocity, &mut state);
+        let natural = &value.natural;
+        let found = [natural.force[0], natural.force[1], natural.metric[(0, 1)], value.energy];
+        assert_eq!(found.map(f64::to_bits), expected, "at {x}, {y}: {found:?}");
+    }
 }
 
 #[test]

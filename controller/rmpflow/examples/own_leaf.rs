@@ -6,7 +6,7 @@
 use glam::DVec3;
 use nalgebra::{Matrix1, Matrix1x2, Matrix2, Vector1, Vector2};
 use tprmp_rmpflow::leaves::{
-    Avoidance, CollisionAvoidance, FreeBall, JointDamping, Obstacle, Side, Steering, Task, Tick,
+    Avoidance, Barrier, FreeBall, JointDamping, Obstacle, Side, Steering, Task, Tick,
 };
 use tprmp_rmpflow::{Natural, ResolveError, Tree, TreeState};
 
@@ -32,13 +32,13 @@ impl Rail {
 }
 
 fn main() -> Result<(), ResolveError> {
-    let leaf = CollisionAvoidance {
-        activation_distance_m: 0.3,
-        clearance_min_m: 0.002,
-        inertia_kg: 1.0,
+    let leaf = Barrier {
+        activation_distance: 0.3,
+        distance_min: 0.002,
+        inertia: 1.0,
         rest_fraction: 0.1,
-        approach_speed_m_s: 1.0,
-        repulsion_m2_s2: 0.0,
+        approach_speed: 1.0,
+        repulsion: 0.0,
         damping_1_s: 8.0,
     };
     let steering = Steering {

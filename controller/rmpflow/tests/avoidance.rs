@@ -4,8 +4,7 @@ use glam::{DQuat, DVec3};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
 use tprmp_rmpflow::leaves::{
-    Avoidance, Body, CollisionAvoidance, FreeBall, JointDamping, Obstacle, Shape, Side, Steering,
-    Task, Tick,
+    Avoidance, Barrier, Body, FreeBall, JointDamping, Obstacle, Shape, Side, Steering, Task, Tick,
 };
 use tprmp_rmpflow::natural::Natural;
 use tprmp_rmpflow::tree::{Tree, TreeState};
@@ -14,13 +13,13 @@ use tprmp_spatial::{PointMotion, Pose, Twist};
 const DAMPING: f64 = 8.0;
 
 fn tree<const N: usize>(side: Side) -> Tree<N> {
-    let leaf = CollisionAvoidance {
-        activation_distance_m: 0.3,
-        clearance_min_m: 0.002,
-        inertia_kg: 1.0,
+    let leaf = Barrier {
+        activation_distance: 0.3,
+        distance_min: 0.002,
+        inertia: 1.0,
         rest_fraction: 0.1,
-        approach_speed_m_s: 1.0,
-        repulsion_m2_s2: 0.0,
+        approach_speed: 1.0,
+        repulsion: 0.0,
         damping_1_s: DAMPING,
     };
     let steering = Steering {

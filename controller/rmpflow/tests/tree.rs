@@ -4,20 +4,20 @@ use glam::{DQuat, DVec2, DVec3};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 use proptest::prelude::*;
 use tprmp_rmpflow::leaves::{
-    Avoidance, Body, CollisionAvoidance, JointDamping, JointLimits, JointSpeedLimits, Obstacle,
-    Part, Posture, Proximity, SelfCollision, Shape, Side, Steering, Task, Tick,
+    Avoidance, Barrier, Body, JointDamping, JointLimits, JointSpeedLimits, Obstacle, Part, Posture,
+    Proximity, SelfCollision, Shape, Side, SpeedBarrier, Steering, Task, Tick,
 };
 use tprmp_rmpflow::natural::Natural;
 use tprmp_rmpflow::tree::{Resolved, Tree, TreeState};
 use tprmp_spatial::{PointMotion, Pose, Twist};
 
-const LEAF: CollisionAvoidance = CollisionAvoidance {
-    activation_distance_m: 0.15,
-    clearance_min_m: 0.002,
-    inertia_kg: 1.0,
+const LEAF: Barrier = Barrier {
+    activation_distance: 0.15,
+    distance_min: 0.002,
+    inertia: 1.0,
     rest_fraction: 0.1,
-    approach_speed_m_s: 0.5,
-    repulsion_m2_s2: 0.02,
+    approach_speed: 0.5,
+    repulsion: 0.02,
     damping_1_s: 8.0,
 };
 
@@ -125,13 +125,11 @@ fn tree(steering: Option<Steering>) -> Tree<3> {
         joint_limits: Some(JointLimits {
             lower: Vector3::repeat(-2.4),
             upper: Vector3::new(2.4, 2.4, f64::INFINITY),
-            leaf: CollisionAvoidance { activation_distance_m: 0.3, ..LEAF },
+            leaf: Barrier { activation_distance: 0.3, ..LEAF },
         }),
         joint_speed_limits: Some(JointSpeedLimits {
             speed_max: Vector3::repeat(1.5),
-            free_fraction: 0.6,
-            inertia: 0.1,
-            damping_1_s: 8.0,
+            leaf: SpeedBarrier { free_fraction: 0.6, inertia: 0.1, damping_1_s: 8.0 },
         }),
         posture: Some(Posture {
             position: Vector3::new(0.5, 0.5, 0.5),
@@ -350,10 +348,10 @@ proptest! {
     ) {
         let tree = tree(None);
         let (q, qd) = (Vector3::from(q), Vector3::from(qd));
-        let free = |leaf: CollisionAvoidance| CollisionAvoidance { damping_1_s: 0.0, ..leaf };
+        let free = |leaf: Barrier| Barrier { damping_1_s: 0.0, ..leaf };
         let limits = tree.joint_limits.map(|l| JointLimits { leaf: free(l.leaf), ..l }).unwrap();
-        let speeds =
-            tree.joint_speed_limits.map(|l| JointSpeedLimits { damping_1_s: 0.0, ..l }).unwrap();
+        let mut speeds = tree.joint_speed_limits.unwrap();
+        speeds.leaf.damping_1_s = 0.0;
         let posture = tree.posture.map(|p| Posture { damping_1_s: 0.0, ..p }).unwrap();
         let mut root = Natural { force: Vector3::zeros(), metric: Matrix3::identity() };
         limits.add(&q, &qd, &mut root);
@@ -404,13 +402,8 @@ fn a_link_that_is_blocked_is_led_around_the_obstacle() {
 /// The pull leads the last link onto the first. Damping alone lets it creep on; repulsion stops it.
 #[test]
 fn links_that_are_pushed_together_never_touch() {
-    let after = |repulsion_m2_s2: f64| {
-        let leaf = CollisionAvoidance {
-            activation_distance_m: 0.05,
-            rest_fraction: 0.005,
-            repulsion_m2_s2,
-            ..LEAF
-        };
+    let after = |repulsion: f64| {
+        let leaf = Barrier { activation_distance: 0.05, rest_fraction: 0.005, repulsion, ..LEAF };
         let pairs = vec![(0, 4), (0, 5), (1, 5)].into();
         let tree = Tree {
             self_collision: Some(SelfCollision { leaf, margin_m: 0.0, pairs }),
@@ -431,7 +424,7 @@ fn links_that_are_pushed_together_never_touch() {
         least
     };
     let kept = after(0.002);
-    assert!(kept > LEAF.clearance_min_m && kept < 0.1, "{kept}");
+    assert!(kept > LEAF.distance_min && kept < 0.1, "{kept}");
     let lost = after(0.0);
     assert!(lost < 0.0, "the pull does push: {lost}");
 }

@@ -167,14 +167,14 @@ impl TaskState {
 mod tests {
     use super::*;
     use glam::DQuat;
-    use tprmp_model::controller_config::Attractor;
+    use tprmp_rmpflow::leaves::PoseAttractor;
 
     const DONE: Done = Done { distance_m: 0.01, angle_rad: 0.05 };
     const LIFT: Lift = Lift {
         grip_distance_m: 0.005,
         grip_angle_rad: 0.05,
         height_m: 0.1,
-        attractor: Attractor {
+        attractor: PoseAttractor {
             linear_inertia_kg: 1.0,
             angular_inertia_kg_m2: 0.1,
             stiffness_1_s2: 30.0,

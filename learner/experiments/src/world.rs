@@ -5,8 +5,7 @@ use glam::{DQuat, DVec3};
 use nalgebra::{Cholesky, Matrix6, SVector, Vector6};
 use tprmp_model::skill_model::Manifold;
 use tprmp_rmpflow::leaves::{
-    Avoidance, AvoidanceState, CollisionAvoidance, Free, FreeBall, Obstacle, Side, Steering, Task,
-    Tick,
+    Avoidance, AvoidanceState, Barrier, Free, FreeBall, Obstacle, Side, Steering, Task, Tick,
 };
 use tprmp_rmpflow::natural::Natural;
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
@@ -128,13 +127,13 @@ impl Ball {
 
 /// What keeps clear of the ball and leads around it, as in the planar controller, for the inertia of
 /// the compared policies.
-const CLEAR: CollisionAvoidance = CollisionAvoidance {
-    activation_distance_m: 0.3,
-    clearance_min_m: 0.005,
-    inertia_kg: INERTIA_KG,
+const CLEAR: Barrier = Barrier {
+    activation_distance: 0.3,
+    distance_min: 0.005,
+    inertia: INERTIA_KG,
     rest_fraction: 0.1,
-    approach_speed_m_s: 1.0,
-    repulsion_m2_s2: 0.0,
+    approach_speed: 1.0,
+    repulsion: 0.0,
     damping_1_s: 8.0,
 };
 const STEERING: Steering = Steering {

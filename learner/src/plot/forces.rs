@@ -47,7 +47,8 @@ impl Forces {
     /// The components with these frames. `None` when the policy is not a product in the plane, whose
     /// components differ by place and not by phase, or there is no product of the Gaussians.
     pub(super) fn new(model: &SkillModel, policy: &SkillPolicy, frames: &[Pose]) -> Option<Self> {
-        let (PolicyModel::Thesis(thesis), SkillPolicy::Plane(product)) = (&model.policy, policy) else {
+        let (PolicyModel::Thesis(thesis), SkillPolicy::Plane(product)) = (&model.policy, policy)
+        else {
             return None;
         };
         let frames: Vec<_> = frames.iter().copied().map(MovingPose::at_rest).collect();

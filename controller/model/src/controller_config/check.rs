@@ -2,6 +2,8 @@
 
 use std::fmt::Debug;
 
+use tprmp_rmpflow::leaves::range::{self, Report};
+
 use crate::controller_config::error::Problem;
 
 /// Collects the values that are outside their ranges.
@@ -39,14 +41,21 @@ impl Check {
         }
     }
 
+    /// Checks a leaf that stands under a key.
+    pub(super) fn leaf(&mut self, key: &str, check: impl FnOnce(&mut Report<'_>)) {
+        self.within(key, |within| {
+            check(&mut |key, expected, found| within.fail(key, expected, found));
+        });
+    }
+
     pub(super) fn positive(&mut self, key: &str, value: f64) {
-        let holds = value.is_finite() && value > 0.0;
-        self.require(holds, key, "a finite number above zero", &value);
+        range::positive(key, value, &mut |key, expected, found| self.fail(key, expected, found));
     }
 
     pub(super) fn not_negative(&mut self, key: &str, value: f64) {
-        let holds = value.is_finite() && value >= 0.0;
-        self.require(holds, key, "a finite number of at least zero", &value);
+        range::not_negative(key, value, &mut |key, expected, found| {
+            self.fail(key, expected, found)
+        });
     }
 
     pub(super) fn fraction(&mut self, key: &str, value: f64) {
@@ -57,11 +66,5 @@ impl Check {
     pub(super) fn time(&mut self, key: &str, value: u64) {
         let holds = (1_000..=10_000_000_000).contains(&value);
         self.require(holds, key, "1000 to 10000000000 nanoseconds", &value);
-    }
-
-    pub(super) fn direction(&mut self, key: &str, value: &[f64; 3]) {
-        let length = glam::DVec3::from(*value).length();
-        let holds = length.is_finite() && length > 0.0;
-        self.require(holds, key, "three finite numbers, not all zero", value);
     }
 }

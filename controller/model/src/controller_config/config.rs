@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::Deserialize;
+use tprmp_rmpflow::leaves::{ApproachFunnel, Barrier, JointDamping, PoseAttractor, SpeedBarrier};
 use tprmp_robot::Selection;
 
 use crate::controller_config::check::Check;
 use crate::controller_config::leaves::{
-    Approach, Attractor, Collision, External, JointDampingLeaf, JointLimitLeaf, JointSpeedLeaf,
-    Lift, PostureLeaf, SelfCollision, SkillLeaf,
+    Collision, External, Lift, PostureLeaf, SelfCollision, SkillLeaf,
 };
 
 /// What wakes the loop.
@@ -212,17 +212,17 @@ pub struct ControllerConfig {
     pub skill: SkillLeaf,
     /// Leaves of skills beside it, one for each further model.
     pub additional_skills: Vec<SkillLeaf>,
-    /// Draws the tool to the goal of the task beside the skills; `None` leaves that to them.
+    /// Pulls the tool to the goal of the task beside the skills; `None` leaves that to them.
     #[serde(deserialize_with = "Option::deserialize")]
-    pub goal_attractor: Option<Attractor>,
+    pub goal_attractor: Option<PoseAttractor>,
     /// Joint damping.
-    pub joint_damping: JointDampingLeaf,
+    pub joint_damping: JointDamping,
     /// Position limits of the joints as a leaf; `None` leaves them to the final limits alone.
     #[serde(deserialize_with = "Option::deserialize")]
-    pub joint_limits: Option<JointLimitLeaf>,
+    pub joint_limits: Option<Barrier>,
     /// Speed limits of the joints as a leaf; `None` leaves them to the final limits alone.
     #[serde(deserialize_with = "Option::deserialize")]
-    pub joint_speeds: Option<JointSpeedLeaf>,
+    pub joint_speeds: Option<SpeedBarrier>,
     /// Posture, `None` where the task decides about all joints.
     #[serde(deserialize_with = "Option::deserialize")]
     pub posture: Option<PostureLeaf>,
@@ -234,11 +234,11 @@ pub struct ControllerConfig {
     pub self_collision: Option<SelfCollision>,
     /// The funnel to the goal, `None` where it may be approached from any side.
     #[serde(deserialize_with = "Option::deserialize")]
-    pub approach: Option<Approach>,
+    pub approach: Option<ApproachFunnel>,
     /// What follows once the gripper holds, `None` for a skill without a gripper.
     #[serde(deserialize_with = "Option::deserialize")]
     pub lift: Option<Lift>,
-    /// What velocities of the tool that somebody outside commands are worth; `None` does not listen.
+    /// The weight of velocities of the tool that are commanded from outside; `None` does not listen.
     #[serde(deserialize_with = "Option::deserialize")]
     pub external: Option<External>,
     /// When the task is done.
@@ -277,14 +277,24 @@ impl ControllerConfig {
         for (i, skill) in self.additional_skills.iter().enumerate() {
             check.within(&format!("additional_skills[{i}]"), |check| skill.check(check));
         }
-        optional(check, "goal_attractor", &self.goal_attractor, Attractor::check);
-        check.within("joint_damping", |check| self.joint_damping.check(check));
-        optional(check, "joint_limits", &self.joint_limits, JointLimitLeaf::check);
-        optional(check, "joint_speeds", &self.joint_speeds, JointSpeedLeaf::check);
+        if let Some(attractor) = &self.goal_attractor {
+            check.leaf("goal_attractor", |report| attractor.check(report));
+        }
+        check.leaf("joint_damping", |report| self.joint_damping.check(report));
+        if let Some(barrier) = &self.joint_limits {
+            check.leaf("joint_limits", |report| barrier.check(&Barrier::KEYS, report));
+        }
+        if let Some(barrier) = &self.joint_speeds {
+            check.leaf("joint_speeds", |report| barrier.check(report));
+        }
         optional(check, "posture", &self.posture, |posture, check| posture.check(joints, check));
         optional(check, "collision", &self.collision, Collision::check);
         optional(check, "self_collision", &self.self_collision, SelfCollision::check);
-        optional(check, "approach", &self.approach, Approach::check);
+        if let Some(funnel) = &self.approach {
+            check.leaf("approach", |report| funnel.check(report));
+            let keys = &Barrier::KEYS_ON_LENGTH;
+            check.leaf("approach.avoidance", |report| funnel.leaf.check(keys, report));
+        }
         optional(check, "lift", &self.lift, Lift::check);
         optional(check, "external", &self.external, External::check);
         check.positive("done.distance_m", self.done.distance_m);

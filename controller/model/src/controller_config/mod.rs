@@ -20,8 +20,7 @@ pub use config::{
 };
 pub use error::{ConfigError, Fault, Problem};
 pub use leaves::{
-    Approach, Attractor, Avoidance, Collision, ExemptObstacle, Exemption, Extent, External,
-    Governor, JointDampingLeaf, JointLimitLeaf, JointSpeedLeaf, Lift, PostureLeaf, SelfCollision,
-    SkillLeaf, Steering, SteeringSide,
+    Collision, ExemptObstacle, Exemption, Extent, External, Lift, PostureLeaf, SelfCollision,
+    SkillLeaf,
 };
 pub use read::{read, read_with};

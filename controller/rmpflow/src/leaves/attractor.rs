@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 use tprmp_spatial::rotation::orientation_chart;
 use tprmp_spatial::{MovingPose, Pose, Twist};
 
+use crate::leaves::range::{Report, not_negative, positive};
 use crate::natural::Natural;
 
 /// Pulls a pose to a goal: a spring whose force saturates, and damping.
@@ -12,6 +13,7 @@ use crate::natural::Natural;
 /// chart at the goal, B = d M. The pull saturates at m k s, so that a far goal gives a steady
 /// speed k s/d.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize), serde(deny_unknown_fields))]
 pub struct PoseAttractor {
     /// m \[kg\].
     pub linear_inertia_kg: f64,
@@ -26,6 +28,15 @@ pub struct PoseAttractor {
 }
 
 impl PoseAttractor {
+    /// Reports parameters outside their ranges.
+    pub fn check(&self, report: &mut Report<'_>) {
+        positive("linear_inertia_kg", self.linear_inertia_kg, report);
+        not_negative("angular_inertia_kg_m2", self.angular_inertia_kg_m2, report);
+        positive("stiffness_1_s2", self.stiffness_1_s2, report);
+        positive("damping_1_s", self.damping_1_s, report);
+        positive("saturation_m", self.saturation_m, report);
+    }
+
     /// The leaf on \[linear; angular\] of a pose that moves with `velocity`, towards a goal at rest.
     #[must_use]
     pub fn evaluate(&self, pose: &Pose, velocity: &Twist, goal: &Pose) -> Natural<6> {

@@ -3,8 +3,8 @@
 
 use tprmp_spatial::PointMotion;
 
+use crate::leaves::barrier::{Barrier, Clearance};
 use crate::leaves::body::Body;
-use crate::leaves::collision::{Clearance, CollisionAvoidance};
 use crate::leaves::obstacle::{Obstacle, Shape};
 use crate::leaves::steering::{
     AvoidanceState, Detour, DetourSum, Free, Obstruction, SteeredPoint, Steering,
@@ -16,7 +16,7 @@ use crate::natural::Natural;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Avoidance {
     /// What keeps the clearance.
-    pub leaf: CollisionAvoidance,
+    pub leaf: Barrier,
     /// What leads around; `None` where the body shall wait.
     pub steering: Option<Steering>,
     /// Added to the radius of every point \[m\].
@@ -60,7 +60,7 @@ impl Avoidance {
     ) -> Proximity {
         let Tick { body, obstacles, .. } = *tick;
         let range = self.steering.map_or(0.0, |steering| steering.range_m);
-        let reach = range.max(self.leaf.activation_distance_m);
+        let reach = range.max(self.leaf.activation_distance);
         let mut nearest = f64::INFINITY;
         let mut obstruction = Obstruction::default();
         for (index, obstacle) in obstacles.iter().enumerate() {

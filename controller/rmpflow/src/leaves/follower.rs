@@ -4,6 +4,7 @@ use glam::DVec3;
 use nalgebra::{Matrix6, Vector6};
 use tprmp_spatial::{Twist, Wrench};
 
+use crate::leaves::range::{Report, positive};
 use crate::natural::Natural;
 
 /// Follows a velocity of the tool that is commanded from outside.
@@ -31,6 +32,15 @@ pub struct VelocityFollower {
 }
 
 impl VelocityFollower {
+    /// Reports parameters outside their ranges.
+    pub fn check(&self, report: &mut Report<'_>) {
+        positive("linear_inertia_kg", self.linear_inertia_kg, report);
+        positive("angular_inertia_kg_m2", self.angular_inertia_kg_m2, report);
+        positive("response_1_s", self.response_1_s, report);
+        positive("linear_max_m_s", self.linear_max_m_s, report);
+        positive("angular_max_rad_s", self.angular_max_rad_s, report);
+    }
+
     /// The commanded velocity within the maxima, its directions kept. What is finite stays finite.
     #[must_use]
     pub fn within(&self, commanded: &Twist) -> Twist {

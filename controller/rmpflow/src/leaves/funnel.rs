@@ -4,7 +4,8 @@ use glam::DVec3;
 use tprmp_spatial::MovingPose;
 use tprmp_spatial::jet::{Jet, Real, Vec3};
 
-use crate::leaves::collision::{Clearance, CollisionAvoidance};
+use crate::leaves::barrier::{Barrier, Clearance};
+use crate::leaves::range::{Report, direction, positive};
 
 /// A funnel around the approach to a goal: away from the approach axis the tool keeps above it.
 ///
@@ -13,21 +14,34 @@ use crate::leaves::collision::{Clearance, CollisionAvoidance};
 /// φ = d₀ + aᵀe − h (1 − exp(−|e_⊥|²/2w²))   ≥ 0
 /// ```
 ///
-/// φ is a clearance like any other, so that [`CollisionAvoidance`] with d₀ as its activation
+/// φ is a clearance like any other, so that [`Barrier`] with d₀ as its activation
 /// distance keeps it positive; at the goal, and above it on the axis, that leaf is inactive.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize), serde(deny_unknown_fields))]
 pub struct ApproachFunnel {
-    /// a, in the goal frame, unit.
+    /// a, out of the funnel, in the goal frame, unit; in files of any length but zero.
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::leaves::keys::unit_vector"))]
     pub axis: DVec3,
-    /// h \[m\].
+    /// h: height of the rim above the bottom \[m\].
     pub depth_m: f64,
-    /// w \[m\].
+    /// w: half-width of the hole \[m\].
     pub width_m: f64,
     /// d₀ and the leaf on φ.
-    pub leaf: CollisionAvoidance,
+    #[cfg_attr(
+        feature = "serde",
+        serde(rename = "avoidance", deserialize_with = "Barrier::on_length")
+    )]
+    pub leaf: Barrier,
 }
 
 impl ApproachFunnel {
+    /// Reports parameters outside their ranges, but for those of its leaf.
+    pub fn check(&self, report: &mut Report<'_>) {
+        direction("axis", self.axis, report);
+        positive("depth_m", self.depth_m, report);
+        positive("width_m", self.width_m, report);
+    }
+
     /// φ for a tool at `point` moving with `velocity`, when the goal is at `goal` in the moving
     /// frame `frame`.
     #[must_use]
@@ -46,7 +60,7 @@ impl ApproachFunnel {
         let scaled = sideways.dot(sideways) * Jet::constant(-0.5 / (self.width_m * self.width_m));
         let fraction = scaled.value().exp();
         let bell = scaled.chain([fraction; 3]);
-        let start = Jet::constant(self.leaf.activation_distance_m - self.depth_m);
+        let start = Jet::constant(self.leaf.activation_distance - self.depth_m);
         let clearance = start + along + bell * Jet::constant(self.depth_m);
         let steepness = self.depth_m * fraction / (self.width_m * self.width_m);
         Clearance {
@@ -64,13 +78,13 @@ mod tests {
     use glam::DQuat;
     use tprmp_spatial::{Pose, SpatialAcceleration, Twist};
 
-    const LEAF: CollisionAvoidance = CollisionAvoidance {
-        activation_distance_m: 0.15,
-        clearance_min_m: 0.002,
-        inertia_kg: 0.5,
+    const LEAF: Barrier = Barrier {
+        activation_distance: 0.15,
+        distance_min: 0.002,
+        inertia: 0.5,
         rest_fraction: 0.1,
-        approach_speed_m_s: 0.3,
-        repulsion_m2_s2: 0.05,
+        approach_speed: 0.3,
+        repulsion: 0.05,
         damping_1_s: 6.0,
     };
 
@@ -82,10 +96,10 @@ mod tests {
         let frame = MovingPose::at_rest(Pose::IDENTITY);
         let goal = DVec3::new(0.1, 0.0, 0.2);
         let at = |point: DVec3| FUNNEL.clearance(point, DVec3::ZERO, goal, &frame).distance;
-        assert!((at(goal) - LEAF.activation_distance_m).abs() < 1e-15);
+        assert!((at(goal) - LEAF.activation_distance).abs() < 1e-15);
         assert!(LEAF.evaluate(at(goal + DVec3::Z * 0.01), -0.1).is_none());
         let beside = at(goal + DVec3::X * 0.1);
-        assert!((beside - (LEAF.activation_distance_m - 0.05)).abs() < 1e-9);
+        assert!((beside - (LEAF.activation_distance - 0.05)).abs() < 1e-9);
     }
 
     #[test]

@@ -2,11 +2,12 @@
 
 use nalgebra::SVector;
 
-use crate::leaves::collision::CollisionAvoidance;
+use crate::leaves::barrier::Barrier;
+use crate::leaves::range::{Report, not_negative, positive};
 use crate::natural::Natural;
 
 /// Keeps joints inside their position limits: the distance from a limit is a clearance, kept by the
-/// leaf of [`CollisionAvoidance`] with joint units in place of metres.
+/// leaf of [`Barrier`] with joint units in place of metres.
 ///
 /// The inertia grows only while a joint approaches its limit, so that it is free to leave it
 /// [Cheng et al. 2019, RMPflow, appendix on joint limits, in the form of eq. 68].
@@ -17,7 +18,7 @@ pub struct JointLimits<const N: usize> {
     /// Upper limits \[rad or m\]; +∞ without.
     pub upper: SVector<f64, N>,
     /// How the distance is kept.
-    pub leaf: CollisionAvoidance,
+    pub leaf: Barrier,
 }
 
 impl<const N: usize> JointLimits<N> {
@@ -45,7 +46,7 @@ impl<const N: usize> JointLimits<N> {
     }
 }
 
-/// Keeps joints slower than their limits: an inertia that grows without bound towards the limit, and
+/// Keeps a joint slower than its limit v: an inertia that grows without bound towards the limit, and
 /// damping.
 ///
 /// ```text
@@ -56,9 +57,8 @@ impl<const N: usize> JointLimits<N> {
 /// by the damping [Cheng et al. 2019, RMPflow, eq. 20 and 21]. The limit itself has z = 1; z is held
 /// below that, so that a joint that is too fast is braked.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct JointSpeedLimits<const N: usize> {
-    /// v: largest speeds \[rad/s or m/s\].
-    pub speed_max: SVector<f64, N>,
+#[cfg_attr(feature = "serde", derive(serde::Deserialize), serde(deny_unknown_fields))]
+pub struct SpeedBarrier {
     /// r: fraction of the largest speed from which on the leaf acts.
     pub free_fraction: f64,
     /// m \[kg m² or kg\].
@@ -67,31 +67,51 @@ pub struct JointSpeedLimits<const N: usize> {
     pub damping_1_s: f64,
 }
 
+/// Keeps joints slower than their limits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointSpeedLimits<const N: usize> {
+    /// v: largest speeds \[rad/s or m/s\].
+    pub speed_max: SVector<f64, N>,
+    /// How they are kept.
+    pub leaf: SpeedBarrier,
+}
+
 /// Largest z.
 const EXCESS_MAX: f64 = 0.98;
 
-impl<const N: usize> JointSpeedLimits<N> {
-    /// G and ½ q̇ ∂G/∂q̇ of joint `i`.
-    fn metric(&self, i: usize, speed: f64) -> (f64, f64) {
+impl SpeedBarrier {
+    /// Reports parameters outside their ranges.
+    pub fn check(&self, report: &mut Report<'_>) {
+        if !(self.free_fraction > 0.0 && self.free_fraction < 1.0) {
+            report("free_fraction", "a fraction above 0 and below 1", &self.free_fraction);
+        }
+        positive("inertia", self.inertia, report);
+        not_negative("damping_1_s", self.damping_1_s, report);
+    }
+
+    /// G and ½ q̇ ∂G/∂q̇ at a speed of which `speed_max` is the largest.
+    fn metric(&self, speed: f64, speed_max: f64) -> (f64, f64) {
         let span = 1.0 - self.free_fraction;
-        let relative = (speed / self.speed_max[i]).abs();
+        let relative = (speed / speed_max).abs();
         let z = ((relative - self.free_fraction) / span).clamp(0.0, EXCESS_MAX);
         let slope = if z < EXCESS_MAX { z * (2.0 - z) / ((1.0 - z) * (1.0 - z)) } else { 0.0 };
         (self.inertia * z * z / (1.0 - z), 0.5 * self.inertia * slope * relative / span)
     }
+}
 
+impl<const N: usize> JointSpeedLimits<N> {
     /// Adds the leaf at joint velocity q̇.
     pub fn add(&self, qd: &SVector<f64, N>, root: &mut Natural<N>) {
         for i in 0..N {
-            let (metric, growth) = self.metric(i, qd[i]);
+            let (metric, growth) = self.leaf.metric(qd[i], self.speed_max[i]);
             root.metric[(i, i)] += metric + growth;
-            root.force[i] -= self.damping_1_s * metric * qd[i];
+            root.force[i] -= self.leaf.damping_1_s * metric * qd[i];
         }
     }
 
     /// ½ Σ G q̇².
     #[must_use]
     pub fn energy(&self, qd: &SVector<f64, N>) -> f64 {
-        (0..N).map(|i| 0.5 * self.metric(i, qd[i]).0 * qd[i] * qd[i]).sum()
+        (0..N).map(|i| 0.5 * self.leaf.metric(qd[i], self.speed_max[i]).0 * qd[i] * qd[i]).sum()
     }
 }

@@ -6,7 +6,7 @@
 //!
 //! | leaf | acts on |
 //! |---|---|
-//! | [`CollisionAvoidance`] | a [`Clearance`]: of an [`Obstacle`], of the body itself, of a funnel's wall |
+//! | [`Barrier`] | a [`Clearance`]: of an [`Obstacle`], of the body itself, of a funnel's wall |
 //! | [`Avoidance`] | the points of a [`Body`] among obstacles: clearance, and [`Steering`] around them |
 //! | [`SelfCollision`] | pairs of points of a body |
 //! | [`PoseAttractor`] | the pose of the tool |
@@ -16,24 +16,27 @@
 
 mod attractor;
 mod avoidance;
+mod barrier;
 mod body;
-mod collision;
 mod follower;
 mod funnel;
 mod joint_limits;
+#[cfg(feature = "serde")]
+mod keys;
 mod obstacle;
 mod posture;
+pub mod range;
 mod self_collision;
 mod steering;
 mod tick;
 
 pub use attractor::PoseAttractor;
 pub use avoidance::{Avoidance, Proximity};
+pub use barrier::{Barrier, BarrierKeys, Clearance};
 pub use body::{Body, FreeBall, Part};
-pub use collision::{Clearance, CollisionAvoidance};
 pub use follower::VelocityFollower;
 pub use funnel::ApproachFunnel;
-pub use joint_limits::{JointLimits, JointSpeedLimits};
+pub use joint_limits::{JointLimits, JointSpeedLimits, SpeedBarrier};
 pub use obstacle::{Obstacle, Shape};
 pub use posture::{JointDamping, Posture};
 pub use self_collision::SelfCollision;

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 use tprmp_spatial::{Pose, Twist};
 
-use crate::leaves::collision::Clearance;
+use crate::leaves::barrier::Clearance;
 
 /// Shape of an obstacle in its own frame, centred at the origin.
 #[derive(Debug, Clone, Copy, PartialEq)]

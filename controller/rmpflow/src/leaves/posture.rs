@@ -2,11 +2,13 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use crate::leaves::range::{Report, not_negative};
 use crate::natural::Natural;
 
 /// Damping in joint space: M = m I, f = −d m q̇. It keeps the root's metric positive definite near
 /// singular configurations.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize), serde(deny_unknown_fields))]
 pub struct JointDamping {
     /// m \[kg m²\] for revolute joints, \[kg\] for prismatic ones.
     pub inertia: f64,
@@ -15,6 +17,12 @@ pub struct JointDamping {
 }
 
 impl JointDamping {
+    /// Reports parameters outside their ranges.
+    pub fn check(&self, report: &mut Report<'_>) {
+        not_negative("inertia", self.inertia, report);
+        not_negative("damping_1_s", self.damping_1_s, report);
+    }
+
     /// The leaf at joint velocity q̇ \[rad/s or m/s\].
     #[must_use]
     pub fn evaluate<const N: usize>(&self, velocity: &SVector<f64, N>) -> Natural<N> {

@@ -3,15 +3,15 @@
 use glam::DVec3;
 use tprmp_spatial::PointMotion;
 
+use crate::leaves::barrier::{Barrier, Clearance};
 use crate::leaves::body::Body;
-use crate::leaves::collision::{Clearance, CollisionAvoidance};
 use crate::natural::Natural;
 
 /// Clearance between points of the robot itself.
 #[derive(Debug, Clone)]
 pub struct SelfCollision {
     /// How it is kept.
-    pub leaf: CollisionAvoidance,
+    pub leaf: Barrier,
     /// Added to the distance that is kept \[m\].
     pub margin_m: f64,
     /// Which parts of the body keep clear of each other: all points of one of all of the other.
@@ -43,7 +43,7 @@ impl SelfCollision {
 
     /// Whether balls whose centres are `apart` lie out of the leaf's reach.
     fn is_far(&self, apart: DVec3, radii: f64) -> bool {
-        let reach = radii + self.margin_m + self.leaf.activation_distance_m;
+        let reach = radii + self.margin_m + self.leaf.activation_distance;
         apart.length_squared() >= reach * reach
     }
 

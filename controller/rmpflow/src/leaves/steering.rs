@@ -31,9 +31,10 @@ use glam::{DQuat, DVec3};
 use nalgebra::{Matrix3, SVector, Vector3};
 use tprmp_spatial::PointMotion;
 
+use crate::leaves::barrier::Clearance;
 use crate::leaves::body::Body;
-use crate::leaves::collision::Clearance;
 use crate::leaves::obstacle::Obstacle;
+use crate::leaves::range::{Report, direction, not_negative, positive};
 use crate::natural::{Factor, Natural};
 
 /// Most obstacles that are steered around; the clearance is kept from any number.
@@ -61,15 +62,20 @@ const TASK_DAMPING: f64 = 3e-3;
 
 /// In which directions a body may go around an obstacle.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
 pub enum Side {
     /// In the plane: left or right.
     Plane,
     /// In space: where the task leads; if it leads nowhere, towards this direction.
-    Space(DVec3),
+    Space(
+        #[cfg_attr(feature = "serde", serde(deserialize_with = "crate::leaves::keys::vector"))]
+        DVec3,
+    ),
 }
 
 /// How a body is led around obstacles.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Steering {
     /// Clearance within which it acts \[m\].
     pub range_m: f64,
@@ -84,6 +90,20 @@ pub struct Steering {
     pub speed_max_m_s: f64,
     /// Where it may lead.
     pub side: Side,
+}
+
+impl Steering {
+    /// Reports parameters outside their ranges.
+    pub fn check(&self, report: &mut Report<'_>) {
+        positive("range_m", self.range_m, report);
+        not_negative("gain", self.gain, report);
+        positive("response_1_s", self.response_1_s, report);
+        not_negative("approach_1_s", self.approach_1_s, report);
+        positive("speed_max_m_s", self.speed_max_m_s, report);
+        if let Side::Space(towards) = self.side {
+            direction("side", towards, report);
+        }
+    }
 }
 
 /// What the steering keeps between ticks: the sides chosen at the obstacles nearby, and the progress

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3, Vector6};
 use tprmp_spatial::Twist;
 
+use crate::leaves::range::{Report, positive};
 use crate::natural::{Factor, Natural};
 
 /// Scales the acceleration of a policy on a pose where the velocity it tends to is too fast.
@@ -23,6 +24,7 @@ use crate::natural::{Factor, Natural};
 /// speeds up, slower where it brakes; there V may rise, and what is bounded is |a′|. Where it does not
 /// act, nothing changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize), serde(deny_unknown_fields))]
 pub struct SpeedGovernor {
     /// v: largest linear speed \[m/s\].
     pub linear_max_m_s: f64,
@@ -37,6 +39,13 @@ pub struct SpeedGovernor {
 const METRIC_DAMPING: f64 = 1e-9;
 
 impl SpeedGovernor {
+    /// Reports parameters outside their ranges.
+    pub fn check(&self, report: &mut Report<'_>) {
+        positive("linear_max_m_s", self.linear_max_m_s, report);
+        positive("angular_max_rad_s", self.angular_max_rad_s, report);
+        positive("response_1_s", self.response_1_s, report);
+    }
+
     /// The policy on \[linear; angular\], within the speeds.
     ///
     /// * `velocity`  ẋ of the pose
