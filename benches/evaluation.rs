@@ -172,7 +172,7 @@ fn near_pairs(
     forward_kinematics(chain, &SVector::from(POSITION), &mut kinematics);
     let avoidance = config.collision.as_ref().expect("the pick avoids obstacles").leaf();
     let range = avoidance.steering.map_or(0.0, |steering| steering.range_m);
-    let reach = range.max(avoidance.leaf.activation_distance_m);
+    let reach = range.max(avoidance.leaf.activation_distance);
     let is_near = |obstacle: &Obstacle, point: &ControlPoint| {
         let place = point_position(&kinematics, point.joint, point.centre);
         obstacle.distance(place, point.radius + avoidance.margin_m) < reach
