@@ -31,7 +31,7 @@ mod fit;
 mod upgrade;
 mod validate;
 
-pub use evaluated::{EvaluationError, product_skill};
+pub use evaluated::{EvaluationError, thesis_policy};
 pub use file::{ModelError, read, sha256_hex, to_text, write};
 pub use fit::{
     ActiveConstraints, Constraints, DemonstrationRollout, Figure, Fit, Program, ProgramFit,
