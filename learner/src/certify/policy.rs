@@ -5,7 +5,7 @@ use tprmp_model::skill_model::{
     BlockCertificate, EvaluationError, FieldModel, PolicyModel, SkillModel, ValleyCertificate,
 };
 use tprmp_rmpflow::policy::canonical::field::Component;
-use tprmp_rmpflow::policy::thesis::product_skill::{ProductSkill, ProductState};
+use tprmp_rmpflow::policy::thesis::{ThesisPolicy, ThesisState};
 use tprmp_rmpflow::policy::{Phase, PolicyState, SkillInertia, SkillPolicy, SkillValue};
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
@@ -137,15 +137,15 @@ fn stiffness_min<const N: usize>(component: &Component<N>) -> f64 {
 /// `None` when there is no product of the Gaussians.
 fn product_block<const D: usize>(
     name: &str,
-    skill: &ProductSkill<D>,
+    skill: &ThesisPolicy<D>,
     frames: &[MovingPose],
     goal: &Pose,
 ) -> Option<BlockCertificate> {
-    let mut state = ProductState::new();
+    let mut state = ThesisState::default();
     skill.update(frames, &mut state);
     let field = state.field()?;
-    let goal = state.coordinates(goal, &Twist::ZERO).point;
-    let metrics = field.components().map(|c| c.precision * field.metric_scale());
+    let goal = state.point(goal);
+    let metrics = field.components().map(|(_, precision)| precision * skill.metric_scale());
     Some(block(name, metrics, &goal, |y| {
         let value = field.evaluate(y, &SVector::zeros());
         (value.gradient, value.metric)

@@ -28,10 +28,9 @@ use nalgebra::{Cholesky, DMatrix, SVector};
 use rayon::prelude::*;
 use tprmp_model::skill_model::{
     ActiveConstraints, Constraints, Figure, FrameMixture, Manifold, PolicyModel, Program,
-    ProgramFit, ThesisModel, product_skill,
+    ProgramFit, ThesisModel, thesis_policy,
 };
-use tprmp_rmpflow::policy::thesis::gaussian_field::GaussianField;
-use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
+use tprmp_rmpflow::policy::thesis::{GaussianField, ThesisState};
 use tprmp_spatial::MovingPose;
 use tprmp_spatial::rotation::rotation_vector;
 
@@ -135,11 +134,11 @@ fn shown<const D: usize>(
         name: demonstration.name.clone(),
         problem: "the Gaussians of its frames cannot be multiplied".into(),
     };
-    let products = product_skill::<D>(mixture, thesis).map_err(|_| not_a_product())?;
+    let policy = thesis_policy::<D>(mixture, thesis).map_err(|_| not_a_product())?;
     let motions: Vec<_> =
         skill.frames(demonstration).into_iter().map(MovingPose::at_rest).collect();
-    let mut state = ProductState::new();
-    products.update(&motions, &mut state);
+    let mut state = ThesisState::default();
+    policy.update(&motions, &mut state);
     let field = state.field().ok_or_else(not_a_product)?.clone();
     let chart = state.goal().orientation.conjugate();
     let smoothed = |samples: &[DVec3]| {
@@ -180,7 +179,7 @@ fn differences(samples: &[DVec3], sampling_time_s: f64) -> Vec<DVec3> {
     velocities
 }
 
-/// φ⁰_k by eq. 4.15–4.16; the potentials of the fields do not enter.
+/// φ⁰_k by eq. 4.15–4.16, from fields the bias potentials of which are zero.
 ///
 /// # Errors
 /// [`NotSolved`] when the solver finds no solution.
@@ -198,11 +197,13 @@ pub fn fit_potential<const D: usize>(
         let fastest = shown.samples.iter().map(speed).fold(0.0, f64::max);
         for sample in shown.samples.iter().filter(|s| speed(s) > SPEED_FRACTION_MIN * fastest) {
             let value = shown.field.evaluate(&sample.point, &SVector::zeros());
-            let affine = shown.field.affine_potential(&sample.point);
+            let terms = shown.field.terms(&sample.point);
+            let gradient: SVector<f64, D> =
+                terms.iter().map(|t| t.attraction + t.weight_gradient * t.potential).sum();
             let Some(metric) = Cholesky::new(value.metric) else { continue };
-            let constant = sample.velocity.normalize() + metric.solve(&affine.gradient);
+            let constant = sample.velocity.normalize() + metric.solve(&gradient);
             let columns: Vec<_> =
-                affine.weight_gradients[..free].iter().map(|w| metric.solve(w)).collect();
+                terms[..free].iter().map(|term| metric.solve(&term.weight_gradient)).collect();
             residuals.push(std::array::from_fn(|i| Affine {
                 constant: constant[i],
                 coefficients: columns.iter().map(|c| c[i]).enumerate().collect(),
@@ -271,10 +272,10 @@ pub fn fit_damping<const D: usize>(
             if settings.damping_target == DampingTarget::EnergyProfile {
                 rows.push((fraction, at_start - energy(sample), dissipated.clone()));
             }
-            let weights = shown.field.weights(&sample.point);
+            let terms = shown.field.terms(&sample.point);
             let power = sample.velocity.norm_squared() * sample.step_s;
-            for (sum, weight) in dissipated.iter_mut().zip(weights) {
-                *sum += weight * power;
+            for (sum, term) in dissipated.iter_mut().zip(terms) {
+                *sum += term.weight * power;
             }
         }
         if settings.damping_target == DampingTarget::TotalEnergy {
