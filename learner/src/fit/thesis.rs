@@ -27,8 +27,8 @@ use glam::DVec3;
 use nalgebra::{Cholesky, DMatrix, SVector};
 use rayon::prelude::*;
 use tprmp_model::skill_model::{
-    ActiveConstraints, Constraints, Figure, FrameMixture, Manifold, PolicyModel, Program, ProgramFit,
-    ThesisModel, product_skill,
+    ActiveConstraints, Constraints, Figure, FrameMixture, Manifold, PolicyModel, Program,
+    ProgramFit, ThesisModel, product_skill,
 };
 use tprmp_rmpflow::policy::thesis::gaussian_field::GaussianField;
 use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
