@@ -38,7 +38,7 @@ impl Row {
 }
 
 /// The first three demonstrations of a skill, at `count` even times.
-fn shown(file: &Path, skill: &Skill, count: usize) -> Vec<Demonstration> {
+fn demonstrations(file: &Path, skill: &Skill, count: usize) -> Vec<Demonstration> {
     let folder = file.parent().expect("a file has a folder").join(&skill.demonstrations);
     let (start, goal) = (&skill.start_frame, &skill.goal_frame);
     let mut all =
@@ -70,12 +70,13 @@ fn measure(
 ) {
     let file = PathBuf::from("config/skills").join(file);
     let skill = Skill::read(&file).expect("the shipped skill files are valid");
-    let shown = shown(&file, &skill, samples);
+    let demonstrations = demonstrations(&file, &skill, samples);
     let skill = skill.with_components(components).expect("a number of components in range");
     let (mut fits, mut wholes, mut choices) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..RUNS {
         let since = Instant::now();
-        let trained = learn(&skill, &shown, SEED, &mut |_| {}).expect("the skill is learned");
+        let trained =
+            learn(&skill, &demonstrations, SEED, &mut |_| {}).expect("the skill is learned");
         wholes.push(since.elapsed());
         let fitting = trained
             .times
@@ -83,7 +84,8 @@ fn measure(
             .filter(|(step, _)| ![Step::DemonstratedStarts, Step::Certificate].contains(step));
         fits.push(fitting.map(|(_, time)| *time).sum());
         let since = Instant::now();
-        choose(&skill, &shown, SEED, 2..=20, &mut |_| {}).expect("some number can be learned");
+        choose(&skill, &demonstrations, SEED, 2..=20, &mut |_| {})
+            .expect("some number can be learned");
         choices.push(since.elapsed());
     }
     let what = format!("{label}, 3 × {samples} samples, K = {components}");

@@ -1,10 +1,30 @@
 //! Learns a frozen model from demonstrations.
 //!
-//! [`train::train`] is the whole way: demonstrations → canonical coordinates ([`canonical`],
-//! [`savitzky_golay`]) → Gaussian mixture in each frame ([`tp_gmm`], [`em`], [`k_means`],
-//! [`components`]) → policy, the canonical one ([`basis`], [`targets`], [`fit`]) or the thesis'
-//! ([`thesis`], [`kaiser_smoothing`]) → certificate ([`certify`], [`rollout`]) → model. Demonstrations are files;
-//! [`record`] writes them from a live robot; [`plot`] draws what was learned.
+//! [`train::train`] is the whole path, in four steps; each is a room:
+//!
+//! 1. [`canonical`]: demonstrations in the coordinates in which they share their frames,
+//! 2. [`mixture`]: Gaussians, common to all frames,
+//! 3. [`fit`]: the policy, canonical or the thesis', by convex programs,
+//! 4. [`certify`]: what can be proved of it, and what rollouts show.
+//!
+//! ```text
+//! recording ──► y_i(s)  ──► π_k, μ_k, C_k ──► Φ(z), M(z) ──► certificate
+//!   poses       canonical    mixture           M z̈ = −∇Φ − ξ − d M ż
+//! ```
+//!
+//! A [`skill`] file names the [`demonstration`]s and every number that was chosen. [`import`] reads files
+//! of other formats, [`record`] writes demonstrations from a live robot, [`plot`] draws what was
+//! learned, [`report`] prints it.
+//!
+//! ```no_run
+//! use tprmp_learner::{mixture::components::Components, train::train};
+//!
+//! let skill = "config/skills/planar.ron".as_ref();
+//! let trained = train(skill, Components::SkillFile, 1, &mut |_| {})?;
+//! assert!(trained.model.certificate.holds());
+//! tprmp_model::skill_model::write(&trained.model, "target/planar.model.ron".as_ref())?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod canonical;
 pub mod certify;

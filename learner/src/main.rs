@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use clap::{Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use tprmp_learner::file_error::FileError;
 use tprmp_learner::import::{Interpolation, Selection, import};
@@ -30,32 +30,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     /// Learn a model from a skill file and the demonstrations it names
-    Train {
-        /// Skill file, e.g. config/skills/pick.ron
-        skill: PathBuf,
-        /// Model file to write
-        #[arg(long)]
-        out: PathBuf,
-        /// Seed of all random numbers: the same input and seed give the same file, byte for byte
-        #[arg(long, default_value_t = 1)]
-        seed: u64,
-        /// Gaussians of the mixture: a number, or `auto` for the least Bayesian information
-        /// criterion; by default the skill file's `mixture.components`
-        #[arg(long, value_name = "auto|N", value_parser = count_or_auto)]
-        components: Option<Count>,
-        /// Numbers of Gaussians that `--components auto` tries
-        #[arg(
-            long,
-            value_name = "LEAST..MOST",
-            default_value = "2..20",
-            value_parser = range,
-            requires = "components"
-        )]
-        components_range: (usize, usize),
-        /// Write a model that fails its certificate; the controller refuses it unless told otherwise
-        #[arg(long)]
-        allow_uncertified: bool,
-    },
+    Train(TrainOptions),
     /// Print what a model file holds
     Inspect {
         /// Model file
@@ -88,38 +63,69 @@ enum Command {
     ///
     /// Recorded velocities (vx_m_s ..., velocities, vel) are compared with the sampling time.
     #[command(verbatim_doc_comment)]
-    Import {
-        /// File to import
-        foreign: PathBuf,
-        /// Folder to write the demonstrations to; made when it is missing
-        #[arg(long)]
-        out: PathBuf,
-        /// Name of the skill; by default the one in the file (.json) or of the file (.mat)
-        #[arg(long)]
-        skill: Option<String>,
-        /// Only the demonstrations with this tag
-        #[arg(long)]
-        tag: Option<String>,
-        /// Name of the start frame; by default `start` in the plane, `ee_start` in space
-        #[arg(long)]
-        start_frame: Option<String>,
-        /// Name of the goal frame; by default `end` in the plane, `object` in space
-        #[arg(long)]
-        goal_frame: Option<String>,
-        /// Resample to this time between samples [s]; first and last sample stay, so the time is
-        /// rounded to a whole part of the duration
-        #[arg(long, value_name = "S")]
-        sampling_time_s: Option<f64>,
-        /// How to resample
-        #[arg(long, value_enum, default_value_t)]
-        interpolation: Interpolation,
-        /// Time between the recorded samples [s], in place of what the file says
-        #[arg(long, value_name = "S")]
-        recorded_at_s: Option<f64>,
-        /// Take the frames with which the thesis learned a demonstration, where its file has them
-        #[arg(long)]
-        reference_frames: bool,
-    },
+    Import(ImportOptions),
+}
+
+#[derive(Args)]
+struct TrainOptions {
+    /// Skill file, e.g. config/skills/pick.ron
+    skill: PathBuf,
+    /// Model file to write
+    #[arg(long)]
+    out: PathBuf,
+    /// Seed of all random numbers: the same input and seed give the same file, byte for byte
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Gaussians of the mixture: a number, or `auto` for the least Bayesian information
+    /// criterion; by default the skill file's `mixture.components`
+    #[arg(long, value_name = "auto|N", value_parser = count_or_auto)]
+    components: Option<Count>,
+    /// Numbers of Gaussians that `--components auto` tries
+    #[arg(
+        long,
+        value_name = "LEAST..MOST",
+        default_value = "2..20",
+        value_parser = range,
+        requires = "components"
+    )]
+    components_range: (usize, usize),
+    /// Write a model that fails its certificate; the controller refuses it unless told otherwise
+    #[arg(long)]
+    allow_uncertified: bool,
+}
+
+#[derive(Args)]
+struct ImportOptions {
+    /// File to import
+    foreign: PathBuf,
+    /// Folder to write the demonstrations to; made when it is missing
+    #[arg(long)]
+    out: PathBuf,
+    /// Name of the skill; by default the one in the file (.json) or of the file (.mat)
+    #[arg(long)]
+    skill: Option<String>,
+    /// Only the demonstrations with this tag
+    #[arg(long)]
+    tag: Option<String>,
+    /// Name of the start frame; by default `start` in the plane, `ee_start` in space
+    #[arg(long)]
+    start_frame: Option<String>,
+    /// Name of the goal frame; by default `end` in the plane, `object` in space
+    #[arg(long)]
+    goal_frame: Option<String>,
+    /// Resample to this time between samples [s]; first and last sample stay, so the time is
+    /// rounded to a whole part of the duration
+    #[arg(long, value_name = "S")]
+    sampling_time_s: Option<f64>,
+    /// How to resample
+    #[arg(long, value_enum, default_value_t)]
+    interpolation: Interpolation,
+    /// Time between the recorded samples [s], in place of what the file says
+    #[arg(long, value_name = "S")]
+    recorded_at_s: Option<f64>,
+    /// Take the frames with which the thesis learned a demonstration, where its file has them
+    #[arg(long)]
+    reference_frames: bool,
 }
 
 /// What `--components` says.
@@ -148,7 +154,7 @@ fn main() -> ExitCode {
     match run(Arguments::parse().command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // The exit code tells it to who does not listen.
+            // Where nobody reads it, the exit code says so.
             let _ = writeln!(std::io::stderr(), "learner: {error}");
             ExitCode::FAILURE
         }
@@ -177,73 +183,62 @@ enum CommandError {
     Output(std::io::Error),
 }
 
-fn run(command: Command) -> Result<(), Box<dyn std::error::Error>> {
+type Outcome = Result<(), Box<dyn std::error::Error>>;
+
+fn run(command: Command) -> Outcome {
     match command {
-        Command::Train {
-            skill,
-            out,
-            seed,
-            components,
-            components_range: (least, most),
-            allow_uncertified,
-        } => {
-            let components = match components {
-                None => Components::SkillFile,
-                Some(Count::Number(count)) => Components::Count(count),
-                Some(Count::Auto) => Components::Auto { least, most },
-            };
-            let mut progress = Progress::new();
-            let trained = train::train(&skill, components, seed, &mut |done| progress.tell(done))?;
-            progress.finish();
-            print(&report::trained(&trained))?;
-            let failures = &trained.model.certificate.failures;
-            if !(failures.is_empty() || allow_uncertified) {
-                return Err(CommandError::Uncertified { failures: failures.clone() }.into());
-            }
-            skill_model::write(&trained.model, &out)?;
-            print(&format!("wrote      {}\n", out.display()))?;
-            if let Some(choice) = &trained.choice {
-                let path = out.with_extension("bic.svg");
-                std::fs::write(&path, plot::choice(choice))
-                    .map_err(|source| FileError::Write { path: path.clone(), source })?;
-                print(&format!("wrote      {}\n", path.display()))?;
-            }
-        }
-        Command::Record(options) => record::record(&options)?,
-        Command::Inspect { model } => {
-            print(&report::inspected(&skill_model::read(&model)?))?;
-        }
+        Command::Train(options) => train(options),
+        Command::Record(options) => Ok(record::record(&options)?),
+        Command::Inspect { model } => Ok(print(&report::inspected(&skill_model::read(&model)?))?),
         Command::Plot { model, demonstrations, out } => {
-            for path in plot::plot(&model, &demonstrations, &out)? {
-                print(&format!("wrote      {}\n", path.display()))?;
-            }
+            print_written(&plot::plot(&model, &demonstrations, &out)?)
         }
-        Command::Import {
-            foreign,
-            out,
-            skill,
-            tag,
-            start_frame,
-            goal_frame,
-            sampling_time_s,
-            interpolation,
-            recorded_at_s,
-            reference_frames,
-        } => {
+        Command::Import(options) => {
             let selection = Selection {
-                skill,
-                tag,
-                start_frame,
-                goal_frame,
-                sampling_time_s,
-                interpolation,
-                recorded_at_s,
-                reference_frames,
+                skill: options.skill,
+                tag: options.tag,
+                start_frame: options.start_frame,
+                goal_frame: options.goal_frame,
+                sampling_time_s: options.sampling_time_s,
+                interpolation: options.interpolation,
+                recorded_at_s: options.recorded_at_s,
+                reference_frames: options.reference_frames,
             };
-            for path in import(&foreign, &out, &selection)? {
-                print(&format!("wrote      {}\n", path.display()))?;
-            }
+            print_written(&import(&options.foreign, &options.out, &selection)?)
         }
+    }
+}
+
+fn train(options: TrainOptions) -> Outcome {
+    let (least, most) = options.components_range;
+    let components = match options.components {
+        None => Components::SkillFile,
+        Some(Count::Number(count)) => Components::Count(count),
+        Some(Count::Auto) => Components::Auto { least, most },
+    };
+    let mut progress = Progress::new();
+    let show = &mut |done: &str| progress.show(done);
+    let trained = train::train(&options.skill, components, options.seed, show)?;
+    progress.finish();
+    print(&report::trained(&trained))?;
+    let failures = &trained.model.certificate.failures;
+    if !(failures.is_empty() || options.allow_uncertified) {
+        return Err(CommandError::Uncertified { failures: failures.clone() }.into());
+    }
+    skill_model::write(&trained.model, &options.out)?;
+    print_written(std::slice::from_ref(&options.out))?;
+    if let Some(choice) = &trained.choice {
+        let path = options.out.with_extension("bic.svg");
+        std::fs::write(&path, plot::choice(choice))
+            .map_err(|source| FileError::Write { path: path.clone(), source })?;
+        print_written(&[path])?;
+    }
+    Ok(())
+}
+
+fn print_written(paths: &[PathBuf]) -> Outcome {
+    for path in paths {
+        print(&format!("wrote      {}\n", path.display()))?;
     }
     Ok(())
 }
@@ -258,7 +253,7 @@ fn print(text: &str) -> Result<(), CommandError> {
     }
 }
 
-/// Tells on a terminal what is done, once it has taken longer than a second.
+/// Shows on a terminal what is done, once it has taken longer than a second.
 struct Progress {
     since: Instant,
     bar: Option<ProgressBar>,
@@ -271,7 +266,7 @@ impl Progress {
         Self { since: Instant::now(), bar: None }
     }
 
-    fn tell(&mut self, done: &str) {
+    fn show(&mut self, done: &str) {
         if self.since.elapsed() < Self::PATIENCE {
             return;
         }

@@ -1,15 +1,29 @@
-//! What the learner tells people.
+//! What the learner prints.
 
 use std::fmt::Write as _;
 
 use nalgebra::DMatrix;
 use tprmp_model::skill_model::{
-    Canonical, Certificate, FieldModel, Fit, FrameMixture, PolicyModel, Pose, ProgramFit,
+    Canonical, Certificate, FieldModel, Fit, FrameMixture, Gaussian, PolicyModel, Pose, ProgramFit,
     SkillModel, ThesisModel,
 };
 
 use crate::mixture::components::Choice;
 use crate::train::Trained;
+
+/// Adds a line to a text.
+macro_rules! say {
+    ($text:expr, $($part:tt)*) => {
+        writeln!($text, $($part)*).expect("a string grows")
+    };
+}
+
+/// Adds a line with a label.
+macro_rules! line {
+    ($text:expr, $label:expr, $($part:tt)*) => {
+        say!($text, "{:<11} {}", $label, format_args!($($part)*))
+    };
+}
 
 /// What `learner train` prints.
 #[must_use]
@@ -17,16 +31,14 @@ pub fn trained(trained: &Trained) -> String {
     let model = &trained.model;
     let mut text = trained.choice.as_ref().map(choice).unwrap_or_default();
     let count = model.provenance.demonstrations.len();
-    line(
-        &mut text,
+    line!(
+        text,
         "skill",
-        &format!(
-            "{} ({}), {count} demonstrations, {} samples, K = {}",
-            model.skill,
-            model.manifold,
-            trained.samples,
-            model.gaussians.len()
-        ),
+        "{} ({}), {count} demonstrations, {} samples, K = {}",
+        model.skill,
+        model.manifold,
+        trained.samples,
+        model.gaussians.len()
     );
     fit(&mut text, &model.fit);
     certificate(&mut text, &model.certificate);
@@ -35,9 +47,9 @@ pub fn trained(trained: &Trained) -> String {
         .iter()
         .map(|(step, time)| format!("{step} {:.2}", time.as_secs_f64()))
         .collect();
-    line(&mut text, "time [s]", &times.join(", "));
+    line!(text, "time [s]", "{}", times.join(", "));
     for warning in &trained.warnings {
-        line(&mut text, "warning", warning);
+        line!(text, "warning", "{warning}");
     }
     text
 }
@@ -51,12 +63,14 @@ fn choice(choice: &Choice) -> String {
             (_, true) => "  a component is empty",
             _ => "",
         };
-        writeln!(
+        say!(
             text,
             "{:>3}  {:>20.1}  {:>10}  {:>12.1}{mark}",
-            candidate.components, candidate.log_likelihood, candidate.parameters, candidate.bic
-        )
-        .expect("a string grows");
+            candidate.components,
+            candidate.log_likelihood,
+            candidate.parameters,
+            candidate.bic
+        );
     }
     text.push('\n');
     text
@@ -66,39 +80,10 @@ fn choice(choice: &Choice) -> String {
 #[must_use]
 pub fn inspected(model: &SkillModel) -> String {
     let mut text = String::new();
-    line(&mut text, "skill", &format!("{} ({})", model.skill, model.manifold));
-    line(&mut text, "moves", &format!("link `{}`", model.tool_frame));
-    line(
-        &mut text,
-        "frames",
-        &format!("from `{}` to a goal fixed to `{}`", model.start_frame, model.goal_frame),
-    );
-    text.push_str(
-        "\ncanonical pose              x       y       z [m]      w      x      y      z\n",
-    );
-    let Canonical { start_phase, goal_phase, .. } = model.canonical;
-    pose(&mut text, &format!("start frame to {start_phase:.2}"), &model.canonical.start);
-    pose(&mut text, &format!("goal frame from {goal_phase:.2}"), &model.canonical.goal_frame);
-    pose(&mut text, "goal", &model.canonical.goal);
-    for way in &model.canonical.waypoints {
-        pose(&mut text, &format!("{} at {:.2}", way.frame, way.phase), &way.pose);
-    }
-    if let Some(adaptation) = &model.canonical.adaptation {
-        let most = |rows: std::ops::Range<usize>| -> f64 {
-            let rows = adaptation.coefficients.iter().flat_map(|matrix| &matrix[rows.clone()]);
-            rows.flatten().copied().map(f64::abs).fold(0.0, f64::max)
-        };
-        writeln!(
-            text,
-            "the way adapts to the goal's shift against the start, shown up to {:.3} m and {:.1}°: \
-             coefficients up to {:.1} mm, {:.2}°",
-            adaptation.reach_m,
-            adaptation.reach_rad.to_degrees(),
-            1e3 * most(0..3),
-            most(3..6).to_degrees()
-        )
-        .expect("a string grows");
-    }
+    line!(text, "skill", "{} ({})", model.skill, model.manifold);
+    line!(text, "moves", "link `{}`", model.tool_frame);
+    line!(text, "frames", "from `{}` to a goal fixed to `{}`", model.start_frame, model.goal_frame);
+    canonical(&mut text, &model.canonical);
     match &model.policy {
         PolicyModel::Canonical { position, orientation } => {
             field(&mut text, "position", "m", position);
@@ -108,88 +93,116 @@ pub fn inspected(model: &SkillModel) -> String {
         }
         PolicyModel::Thesis(policy) => thesis(&mut text, policy),
     }
-    text.push_str("\nGaussian  prior  phase  mean (position [m], rotation [rad])\n");
-    for (k, gaussian) in model.gaussians.iter().enumerate() {
-        let mean: Vec<_> = gaussian.mean.iter().map(|x| format!("{x:7.3}")).collect();
-        writeln!(
-            text,
-            "{:>8}  {:.3}  {:.3}  {}",
-            k + 1,
-            gaussian.prior,
-            gaussian.phase,
-            mean.join(" ")
-        )
-        .expect("a string grows");
-    }
+    gaussians(&mut text, &model.gaussians);
     frames(&mut text, &model.frames);
     text.push('\n');
     fit(&mut text, &model.fit);
     certificate(&mut text, &model.certificate);
     text.push('\n');
     let provenance = &model.provenance;
-    line(
-        &mut text,
+    line!(
+        text,
         "learned",
-        &format!("by version {}, seed {}, from", provenance.tool_version, provenance.seed),
+        "by version {}, seed {}, from",
+        provenance.tool_version,
+        provenance.seed
     );
     for source in &provenance.demonstrations {
-        writeln!(text, "  {}  sha256 {}", source.file, source.sha256).expect("a string grows");
+        say!(text, "  {}  sha256 {}", source.file, source.sha256);
     }
-    line(&mut text, "with", "the skill file's values");
+    line!(text, "with", "the skill file's values");
     for (key, value) in &provenance.hyper_parameters {
-        writeln!(text, "  {key} = {value}").expect("a string grows");
+        say!(text, "  {key} = {value}");
     }
     text
 }
 
-fn line(text: &mut String, label: &str, value: &str) {
-    writeln!(text, "{label:<11} {value}").expect("a string grows");
+/// Frames and goal in canonical coordinates.
+fn canonical(text: &mut String, canonical: &Canonical) {
+    text.push_str(
+        "\ncanonical pose              x       y       z [m]      w      x      y      z\n",
+    );
+    let Canonical { start_phase, goal_phase, .. } = canonical;
+    pose(text, &format!("start frame to {start_phase:.2}"), &canonical.start);
+    pose(text, &format!("goal frame from {goal_phase:.2}"), &canonical.goal_frame);
+    pose(text, "goal", &canonical.goal);
+    for waypoint in &canonical.waypoints {
+        let label = format!("{} at {:.2}", waypoint.frame, waypoint.phase);
+        pose(text, &label, &waypoint.pose);
+    }
+    if let Some(adaptation) = &canonical.adaptation {
+        let most = |rows: std::ops::Range<usize>| -> f64 {
+            let rows = adaptation.coefficients.iter().flat_map(|matrix| &matrix[rows.clone()]);
+            rows.flatten().copied().map(f64::abs).fold(0.0, f64::max)
+        };
+        say!(
+            text,
+            "the path adapts to the goal's shift against the start, demonstrated up to {:.3} m and \
+             {:.1}°: coefficients up to {:.1} mm, {:.2}°",
+            adaptation.reach_m,
+            adaptation.reach_rad.to_degrees(),
+            1e3 * most(0..3),
+            most(3..6).to_degrees()
+        );
+    }
+}
+
+/// The mixture in canonical coordinates.
+fn gaussians(text: &mut String, gaussians: &[Gaussian]) {
+    text.push_str("\nGaussian  prior  phase  mean (position [m], rotation [rad])\n");
+    for (k, gaussian) in gaussians.iter().enumerate() {
+        let mean: Vec<_> = gaussian.mean.iter().map(|x| format!("{x:7.3}")).collect();
+        say!(
+            text,
+            "{:>8}  {:.3}  {:.3}  {}",
+            k + 1,
+            gaussian.prior,
+            gaussian.phase,
+            mean.join(" ")
+        );
+    }
 }
 
 fn pose(text: &mut String, label: &str, pose: &Pose) {
     let [x, y, z] = pose.position_m;
     let [w, qx, qy, qz] = pose.quaternion_wxyz;
-    writeln!(text, "{label:<20} {x:8.4}{y:8.4}{z:8.4}       {w:6.3} {qx:6.3} {qy:6.3} {qz:6.3}")
-        .expect("a string grows");
+    say!(text, "{label:<20} {x:8.4}{y:8.4}{z:8.4}       {w:6.3} {qx:6.3} {qy:6.3} {qz:6.3}");
 }
 
 fn field(text: &mut String, block: &str, unit: &str, field: &FieldModel) {
-    writeln!(
+    say!(
         text,
         "\n{block} field, d = {} 1/s\ncomponent  potential [{unit}²/s²]  mean [{unit}], phase",
         field.damping_1_s
-    )
-    .expect("a string grows");
+    );
     for (k, component) in field.components.iter().enumerate() {
         let name =
             if k + 1 == field.components.len() { "goal".into() } else { (k + 1).to_string() };
         let mean: Vec<_> = component.mean.iter().map(|x| format!("{x:8.4}")).collect();
-        writeln!(text, "{name:>9}  {:>18.4}  {}", component.potential, mean.join(" "))
-            .expect("a string grows");
+        say!(text, "{name:>9}  {:>18.4}  {}", component.potential, mean.join(" "));
     }
 }
 
 fn thesis(text: &mut String, policy: &ThesisModel) {
-    writeln!(
+    say!(
         text,
         "\nproduct of the frames' Gaussians, γ = {}, δ = {}\ncomponent  potential φ⁰   damping d",
-        policy.metric_scale, policy.huber_threshold
-    )
-    .expect("a string grows");
+        policy.metric_scale,
+        policy.huber_threshold
+    );
     for (k, (potential, damping)) in policy.potentials.iter().zip(&policy.damping).enumerate() {
-        writeln!(text, "{:>9}  {potential:>12.4}  {damping:>10.4}", k + 1).expect("a string grows");
+        say!(text, "{:>9}  {potential:>12.4}  {damping:>10.4}", k + 1);
     }
 }
 
 /// The Gaussians of each frame.
 fn frames(text: &mut String, frames: &[FrameMixture]) {
     for frame in frames {
-        writeln!(
+        say!(
             text,
             "\nseen from `{}`\nGaussian  mean position [m]            2σ along its axes [m]",
             frame.name
-        )
-        .expect("a string grows");
+        );
         for (k, gaussian) in frame.gaussians.iter().enumerate() {
             let mean: Vec<_> = gaussian.position_m.iter().map(|x| format!("{x:7.3}")).collect();
             let n = gaussian.position_m.len();
@@ -198,24 +211,25 @@ fn frames(text: &mut String, frames: &[FrameMixture]) {
                 covariance.symmetric_eigenvalues().iter().map(|v| 2.0 * v.sqrt()).collect();
             axes.sort_by(|a, b| b.total_cmp(a));
             let axes: Vec<_> = axes.iter().map(|x| format!("{x:7.3}")).collect();
-            writeln!(text, "{:>8}  {:<26} {}", k + 1, mean.join(" "), axes.join(" "))
-                .expect("a string grows");
+            say!(text, "{:>8}  {:<26} {}", k + 1, mean.join(" "), axes.join(" "));
         }
     }
 }
 
 fn fit(text: &mut String, fit: &Fit) {
-    line(
+    line!(
         text,
         "mixture",
-        &format!("{} iterations, log-likelihood {:.4}", fit.em_iterations, fit.em_log_likelihood),
+        "{} iterations, log-likelihood {:.4}",
+        fit.em_iterations,
+        fit.em_log_likelihood
     );
     for program in &fit.programs {
         program_fit(text, program);
     }
     text.push_str("\nfollowed from the start of      goal error [mm]    [°]   tracking rms [mm]    [°]   path rms [mm]\n");
     for row in &fit.demonstrations {
-        writeln!(
+        say!(
             text,
             "{:<32} {:>14.5} {:>6.4} {:>19.2} {:>6.3} {:>15.2}",
             row.name,
@@ -224,76 +238,73 @@ fn fit(text: &mut String, fit: &Fit) {
             row.tracking_rms_m * 1e3,
             row.tracking_rms_rad.to_degrees(),
             row.path_rms_m * 1e3
-        )
-        .expect("a string grows");
+        );
     }
 }
 
 fn program_fit(text: &mut String, fit: &ProgramFit) {
-    line(
+    line!(
         text,
         "fit",
-        &format!(
-            "{}: {} after {} iterations, objective {:.5}, residual {:.5}",
-            fit.name, fit.status, fit.iterations, fit.objective, fit.residual
-        ),
+        "{}: {} after {} iterations, objective {:.5}, residual {:.5}",
+        fit.name,
+        fit.status,
+        fit.iterations,
+        fit.objective,
+        fit.residual
     );
     let active: Vec<_> =
         fit.active.iter().map(|a| format!("{} {}/{}", a.name, a.active, a.count)).collect();
-    line(text, "", &format!("active: {}", active.join(", ")));
+    line!(text, "", "active: {}", active.join(", "));
     let figures: Vec<_> =
         fit.figures.iter().map(|(name, value)| format!("{name} {value:.4}")).collect();
     if !figures.is_empty() {
-        line(text, "", &figures.join(", "));
+        line!(text, "", "{}", figures.join(", "));
     }
 }
 
 fn certificate(text: &mut String, certificate: &Certificate) {
     let verdict = if certificate.holds() { "holds" } else { "FAILS" };
     text.push('\n');
-    line(text, "certificate", verdict);
+    line!(text, "certificate", "{}", verdict);
     for block in &certificate.blocks {
-        line(
+        line!(
             text,
-            &format!("  {}", block.name),
-            &format!(
-                "metric between {:.3e} and {:.3e} everywhere; at the goal |M⁻¹∇Φ| = {:.1e}, \
+            format!("  {}", block.name),
+            "metric between {:.3e} and {:.3e} everywhere; at the goal |M⁻¹∇Φ| = {:.1e}, \
                  Hessian ≥ {:.2} M",
-                block.metric_eigenvalue_min,
-                block.metric_eigenvalue_max,
-                block.goal_gradient,
-                block.goal_hessian_min_1_s2
-            ),
+            block.metric_eigenvalue_min,
+            block.metric_eigenvalue_max,
+            block.goal_gradient,
+            block.goal_hessian_min_1_s2
         );
         if let Some(valley) = &block.valley {
-            let told = format!(
+            let valley = format!(
                 "valley: stiffness ≥ {:.2} M everywhere, falls towards the goal by at least {:.2e} a \
                  phase, at {} phases",
                 valley.stiffness_min_1_s2, valley.descent_min, valley.phases
             );
-            line(text, "", &told);
+            line!(text, "", "{valley}");
         }
     }
     for (label, rollouts) in [
         ("  starts", &certificate.demonstrated_frames),
         ("  displaced", &certificate.displaced_frames),
     ] {
-        line(
+        line!(
             text,
             label,
-            &format!(
-                "{} of {} reach the goal, worst end {:.4} mm, {:.4}°; energy rises by {:.1e} in a \
+            "{} of {} reach the goal, worst end {:.4} mm, {:.4}°; energy rises by {:.1e} in a \
                  step of {} s",
-                rollouts.reached,
-                rollouts.starts,
-                rollouts.goal_error_max_m * 1e3,
-                rollouts.goal_error_max_rad.to_degrees(),
-                rollouts.energy_rise_max,
-                certificate.step_s
-            ),
+            rollouts.reached,
+            rollouts.starts,
+            rollouts.goal_error_max_m * 1e3,
+            rollouts.goal_error_max_rad.to_degrees(),
+            rollouts.energy_rise_max,
+            certificate.step_s
         );
     }
     for failure in &certificate.failures {
-        line(text, "  failed", failure);
+        line!(text, "  failed", "{}", failure);
     }
 }

@@ -1,4 +1,4 @@
-//! The whole way from demonstrations to a model, in four steps.
+//! The whole path from demonstrations to a model, in four steps.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -14,6 +14,7 @@ use crate::certify::Certifier;
 use crate::certify::policy::Learned;
 use crate::demonstration::{Demonstration, plausibility, read_folder};
 use crate::file_error::FileError;
+use crate::fit::thesis::ThesisFit;
 use crate::fit::{self, FitError};
 use crate::mixture::MixtureError;
 use crate::mixture::components::{Choice, ChoiceError, Components, choose};
@@ -232,7 +233,8 @@ impl FittedPolicy {
                     .map_err(FitError::from)?
             }
             FitSettings::Thesis(settings) => {
-                fit::thesis::fit(&frames, skill, settings, demonstrations, &set)?
+                let (mixture, set) = (&frames[..], &set);
+                ThesisFit { mixture, skill, settings, demonstrations, set }.fit()?
             }
         };
         done(Step::Fit);

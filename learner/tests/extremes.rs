@@ -56,26 +56,26 @@ fn damage() -> impl Strategy<Value = Damage> {
     ]
 }
 
-fn spoil(shown: &mut Demonstration, damage: &Damage) {
-    let count = shown.poses.len();
+fn spoil(demonstrated: &mut Demonstration, damage: &Damage) {
+    let count = demonstrated.poses.len();
     match damage {
-        Damage::Sample(i, axis, x) => shown.poses[i.index(count)].position[*axis] = *x,
+        Damage::Sample(i, axis, x) => demonstrated.poses[i.index(count)].position[*axis] = *x,
         Damage::Rest(i, x) => {
-            shown.poses[i.index(count)..].iter_mut().for_each(|pose| pose.position.x += x);
+            demonstrated.poses[i.index(count)..].iter_mut().for_each(|pose| pose.position.x += x);
         }
         Damage::Scale(factor) => {
-            shown.poses.iter_mut().for_each(|pose| pose.position *= *factor);
+            demonstrated.poses.iter_mut().for_each(|pose| pose.position *= *factor);
         }
-        Damage::SamplingTime(time_s) => shown.sampling_time_s = *time_s,
-        Damage::StartFrame(axis, x) => shown.start.position[*axis] = *x,
-        Damage::GoalFrame(axis, x) => shown.goal_frame.position[*axis] = *x,
-        Damage::SameFrames => shown.goal_frame = shown.start,
+        Damage::SamplingTime(time_s) => demonstrated.sampling_time_s = *time_s,
+        Damage::StartFrame(axis, x) => demonstrated.start.position[*axis] = *x,
+        Damage::GoalFrame(axis, x) => demonstrated.goal_frame.position[*axis] = *x,
+        Damage::SameFrames => demonstrated.goal_frame = demonstrated.start,
         Damage::Stops(i) => {
-            let last = shown.poses[i.index(count)];
-            shown.poses[i.index(count)..].fill(last);
+            let last = demonstrated.poses[i.index(count)];
+            demonstrated.poses[i.index(count)..].fill(last);
         }
-        Damage::Backwards => shown.poses.reverse(),
-        Damage::Short(left) => shown.poses.truncate(*left),
+        Damage::Backwards => demonstrated.poses.reverse(),
+        Damage::Short(left) => demonstrated.poses.truncate(*left),
     }
 }
 
@@ -112,8 +112,8 @@ proptest! {
     ) {
         let (template, manifold) = template;
         let folder = Folder::new("extremes");
-        let mut shown = arcs(manifold);
-        for demonstration in &mut shown {
+        let mut demonstrated = arcs(manifold);
+        for demonstration in &mut demonstrated {
             demonstration.poses = demonstration.poses.iter().copied().step_by(4).collect();
             demonstration.sampling_time_s *= 4.0;
             if moved {
@@ -121,9 +121,9 @@ proptest! {
             }
         }
         for (which, damage) in &damages {
-            spoil(&mut shown[*which], damage);
+            spoil(&mut demonstrated[*which], damage);
         }
-        folder.demonstrations("shown", &shown);
+        folder.demonstrations("shown", &demonstrated);
         let file = folder.write("skill.ron", &small_skill(template));
         match train(&file, Components::SkillFile, 1, &mut |_| {}) {
             Ok(trained) => {

@@ -45,7 +45,7 @@ fn check(name: &str, template: &str, manifold: Manifold) {
     let mut text = to_text(&trained.model);
     if matches!(trained.model.policy, PolicyModel::Thesis(_)) {
         // Its rollouts pass between attractors: they are not for comparing.
-        text.truncate(text.find("\n    fit: (").expect("a model tells its fit"));
+        text.truncate(text.find("\n    fit: (").expect("a model has its fit"));
     }
     let stored = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/{name}.ron"));
     if std::env::var_os("TPRMP_RENEW_GOLDEN").is_some() {

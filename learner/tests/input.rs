@@ -90,8 +90,8 @@ fn quaternions_that_are_not_unit_are_named_and_nearly_unit_ones_normalised() {
     let folder = Folder::new("nearly");
     let path =
         folder.write("shown.json", &with_sample(Manifold::R3S3, "[0, 0, 0, 1.0005, 0, 0, 0]"));
-    let shown = read(&path, "start", "end").unwrap();
-    assert!((shown.poses[3].orientation.length() - 1.0).abs() < 1e-12);
+    let demonstrated = read(&path, "start", "end").unwrap();
+    assert!((demonstrated.poses[3].orientation.length() - 1.0).abs() < 1e-12);
     let frame =
         text(Manifold::R2).replacen("\"quaternion_wxyz\": [1", "\"quaternion_wxyz\": [2", 1);
     refused(&frame, &["frames.start.quaternion_wxyz", "unit"]);
@@ -114,10 +114,10 @@ fn frames_that_are_missing_or_unknown_are_named() {
 #[test]
 fn too_few_points_are_named() {
     for count in [0, 1, 9] {
-        let mut shown = arcs(Manifold::R2)[0].clone();
-        shown.poses.truncate(count);
+        let mut demonstrated = arcs(Manifold::R2)[0].clone();
+        demonstrated.poses.truncate(count);
         let found = format!("at least 10 points, found {count}");
-        refused(&to_text(&shown, "start", "end"), &["samples", &found]);
+        refused(&to_text(&demonstrated, "start", "end"), &["samples", &found]);
     }
     let mut still = arcs(Manifold::R2)[0].clone();
     still.poses = vec![still.poses[0]; 30];
@@ -167,11 +167,11 @@ fn demonstrations_of_a_folder_belong_together() {
     assert!(say("other", Manifold::R2).contains("key `skill`"));
     assert!(say("made_up", Manifold::R3S3).contains("key `manifold`"));
     // Frames are just those of the skill.
-    let mut shown = arcs(Manifold::R2);
-    for demonstration in &mut shown {
+    let mut demonstrated = arcs(Manifold::R2);
+    for demonstration in &mut demonstrated {
         demonstration.other_frames.insert("box".into(), demonstration.goal_frame);
     }
-    folder.demonstrations("more", &shown);
+    folder.demonstrations("more", &demonstrated);
     let more = path.join("more");
     let read =
         |others: &[String]| read_folder(&more, "made_up", Manifold::R2, "start", "end", others);
@@ -228,8 +228,15 @@ fn wrong_skill_files_are_refused_by_key_and_place() {
     assert!(twice.contains("other_frames") && twice.contains("`end`"), "{twice}");
     let model = say(good.replace("TimeDrivenGmm,", "Hmm,"));
     assert!(model.contains("Hmm") && model.contains("TpLeftRightHmm"), "{model}");
-    let schema = say(good.replace("tprmp-skill/3", "tprmp-skill/0"));
-    assert!(schema.contains("key `schema`"), "{schema}");
+    for version in ["tprmp-skill/0", "tprmp-skill/3"] {
+        // Before any key that is missing there.
+        let older = good.replace("tprmp-skill/4", version).replace("frame_map: (", "map: (");
+        let schema = say(older);
+        assert!(schema.contains("key `schema`") && schema.contains("tprmp-skill/4"), "{schema}");
+        assert!(schema.contains(version) && schema.contains("`frame_map`"), "{schema}");
+    }
+    let fraction = say(good.replace("error_fraction_max: 0.8", "error_fraction_max: 1.8"));
+    assert!(fraction.contains("fit.adaptation.error_fraction_max"), "{fraction}");
     let text = say(good.replace("components: 9", "components: nine"));
     assert!(text.contains("line"), "{text}");
     assert!(say(good[..200].into()).contains("line"));
@@ -250,6 +257,16 @@ fn keys_of_the_last_version_are_refused_with_the_new_name() {
         assert!(message.contains(&format!("`{old}` is now `{new}`")), "{message}");
         assert!(message.contains("skill.ron") && message.contains("line "), "{message}");
     }
+    // All in one message.
+    let old = skill_text("planar.ron")
+        .replace("refinement_rounds_max", "repairs_max")
+        .replace("rest_speed_fraction", "rest_speed_share");
+    let message = Skill::read(&folder.write("skill.ron", &old)).unwrap_err().to_string();
+    for (old, new) in
+        [("repairs_max", "refinement_rounds_max"), ("rest_speed_share", "rest_speed_fraction")]
+    {
+        assert!(message.contains(&format!("`{old}` is now `{new}`")), "{message}");
+    }
 }
 
 fn foreign_planar() -> String {
@@ -264,13 +281,13 @@ fn planar_foreign_files_are_imported_with_their_frames() {
     let selection = Selection { skill: Some("arc".into()), ..Selection::default() };
     let written = import(&foreign, &folder.path().join("out/deep"), &selection).unwrap();
     assert_eq!(written.len(), 1);
-    let shown = read(&written[0], "start", "end").unwrap();
-    assert_eq!((shown.skill.as_str(), shown.manifold), ("arc", Manifold::R2));
-    assert_eq!(shown.poses.len(), 20);
-    assert_eq!(shown.poses[3].position.to_array(), [0.03, 3.5, 0.0]);
-    assert_eq!(shown.start.position.to_array(), [0.5, 1.0, 0.0]);
-    let turned = shown.start.orientation * glam::DVec3::X;
-    assert!((turned - glam::DVec3::Y).length() < 1e-5);
+    let demonstrated = read(&written[0], "start", "end").unwrap();
+    assert_eq!((demonstrated.skill.as_str(), demonstrated.manifold), ("arc", Manifold::R2));
+    assert_eq!(demonstrated.poses.len(), 20);
+    assert_eq!(demonstrated.poses[3].position.to_array(), [0.03, 3.5, 0.0]);
+    assert_eq!(demonstrated.start.position.to_array(), [0.5, 1.0, 0.0]);
+    let rotated = demonstrated.start.orientation * glam::DVec3::X;
+    assert!((rotated - glam::DVec3::Y).length() < 1e-5);
 }
 
 #[test]
@@ -284,9 +301,9 @@ fn reference_frames_are_taken_where_they_are_asked_for() {
     let start = |reference_frames: bool| {
         let selection = Selection { reference_frames, ..Selection::default() };
         let written = import(&foreign, &out, &selection).map_err(|e| e.to_string())?;
-        let shown = read(&written[0], "start", "end").unwrap();
+        let demonstrated = read(&written[0], "start", "end").unwrap();
         std::fs::remove_dir_all(&out).unwrap();
-        Ok::<_, String>(shown.start.position.to_array())
+        Ok::<_, String>(demonstrated.start.position.to_array())
     };
     assert_eq!(start(false), Ok([0.5, 1.0, 0.0]));
     assert_eq!(start(true), Ok([7.0, 8.0, 0.0]));
@@ -328,9 +345,9 @@ fn poses_are_imported_by_their_tag() {
     assert!(message(Some("bottom")).contains("bottom"));
     let written = import(&foreign, &out, &tagged(Some("top"))).unwrap();
     assert_eq!(written.len(), 2);
-    let shown = read(&written[1], "ee_start", "object").unwrap();
-    assert_eq!((shown.skill.as_str(), shown.sampling_time_s), ("grasp", 0.005));
-    assert!((shown.goal_frame.orientation.y - 0.8).abs() < 1e-6);
+    let demonstrated = read(&written[1], "ee_start", "object").unwrap();
+    assert_eq!((demonstrated.skill.as_str(), demonstrated.sampling_time_s), ("grasp", 0.005));
+    assert!((demonstrated.goal_frame.orientation.y - 0.8).abs() < 1e-6);
 
     folder.write("grasp.json", &text.replace("\"wxyz\"", "\"xyzw\""));
     assert!(message(Some("top")).contains("quaternion_order"));

@@ -36,7 +36,7 @@ fn the_fit_agrees_with_an_independent_one() {
     let oracle: Oracle = serde_json::from_str(&text).unwrap();
     let skill = Skill::read(&here.join("../config/skills/planar.ron")).unwrap();
     let FitSettings::Canonical(settings) = &skill.fit else { panic!("a canonical skill") };
-    // Random points are not the same in another language: descent is demanded at the samples only.
+    // Random points are not the same in another language: descent is a constraint at the samples only.
     let settings = &FieldSettings {
         descent_points_random: 0,
         refinement_rounds_max: 0,

@@ -4,7 +4,7 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{Matrix2, Vector2};
 use serde::Deserialize;
-use tprmp_learner::fit::thesis::{Sample, Shown, fit_damping, fit_potential};
+use tprmp_learner::fit::thesis::{Demonstrated, Sample, fit_damping, fit_potential};
 use tprmp_learner::skill::{DampingTarget, ThesisSettings};
 use tprmp_model::skill_model::{
     FrameGaussian, FrameMixture, ProgramStatus, ThesisModel, thesis_policy,
@@ -85,6 +85,7 @@ impl Oracle {
             huber_threshold: self.huber_threshold,
             damping_min: self.damping_min,
             damping_target,
+            speed_fraction_min: 0.02,
             stride: 1,
             kaiser_smoothing: None,
         }
@@ -122,8 +123,8 @@ impl Oracle {
         state.field().unwrap().clone()
     }
 
-    fn shown(&self, potentials: &[f64]) -> Vec<Shown<2>> {
-        let shown = |demonstration: &Demonstration| Shown {
+    fn demonstrated(&self, potentials: &[f64]) -> Vec<Demonstrated<2>> {
+        let in_chart = |demonstration: &Demonstration| Demonstrated {
             samples: std::iter::zip(&demonstration.points, &demonstration.velocities)
                 .map(|(point, velocity)| Sample {
                     point: Vector2::from(*point),
@@ -133,7 +134,7 @@ impl Oracle {
                 .collect(),
             field: self.field(demonstration, potentials),
         };
-        self.demonstrations.iter().map(shown).collect()
+        self.demonstrations.iter().map(in_chart).collect()
     }
 }
 
@@ -184,8 +185,9 @@ fn the_field_agrees_with_eq_4_5_to_4_14() {
 #[test]
 fn the_potentials_agree_with_eq_4_15_and_4_16() {
     let oracle = Oracle::read();
-    let shown = oracle.shown(&vec![0.0; oracle.potentials.len()]);
-    let (potentials, figures) = fit_potential(&shown).unwrap();
+    let demonstrated = oracle.demonstrated(&vec![0.0; oracle.potentials.len()]);
+    let (potentials, figures) =
+        fit_potential(&demonstrated, &oracle.settings(DampingTarget::TotalEnergy)).unwrap();
     assert_eq!(figures.status, ProgramStatus::Solved);
     assert!((figures.residual / oracle.potential_objective - 1.0).abs() < 1e-7);
     assert!((figures.objective / oracle.potential_objective - 1.0).abs() < 1e-7);
@@ -200,9 +202,9 @@ fn the_potentials_agree_with_eq_4_15_and_4_16() {
 fn the_damping_agrees_with_eq_4_17_to_4_21() {
     let oracle = Oracle::read();
     assert_eq!(oracle.damping.len(), 3);
-    let shown = oracle.shown(&oracle.potentials);
+    let demonstrated = oracle.demonstrated(&oracle.potentials);
     for expected in &oracle.damping {
-        let some = &shown[..expected.demonstrations];
+        let some = &demonstrated[..expected.demonstrations];
         let (damping, figures) = fit_damping(some, &oracle.settings(expected.target)).unwrap();
         assert_eq!(figures.status, ProgramStatus::Solved);
         assert!((figures.residual - expected.objective).abs() < 1e-6, "{}", figures.residual);

@@ -1,4 +1,4 @@
-//! The whole way from demonstrations to a model, on made-up demonstrations.
+//! The whole path from demonstrations to a model, on made-up demonstrations.
 
 mod common;
 
@@ -16,8 +16,8 @@ use tprmp_model::skill_model::{
 };
 use tprmp_spatial::Pose;
 
-fn learned(template: &str, shown: &[Demonstration]) -> Result<Trained, TrainError> {
-    learn(&skill(template), shown, 1, &mut |_| {})
+fn learned(template: &str, demonstrated: &[Demonstration]) -> Result<Trained, TrainError> {
+    learn(&skill(template), demonstrated, 1, &mut |_| {})
 }
 
 /// The orientation field of a canonical model.
@@ -60,9 +60,9 @@ fn a_planar_skill_is_learned() {
 
 #[test]
 fn frames_of_a_planar_skill_may_point_anywhere() {
-    let mut shown = arcs(Manifold::R2);
-    for demonstration in &mut shown {
-        // Half a turn of everything about the origin.
+    let mut demonstrated = arcs(Manifold::R2);
+    for demonstration in &mut demonstrated {
+        // Half a rotation of everything about the origin.
         let half = DQuat::from_rotation_z(std::f64::consts::PI);
         for frame in [&mut demonstration.start, &mut demonstration.goal_frame] {
             frame.orientation = half * frame.orientation;
@@ -72,7 +72,7 @@ fn frames_of_a_planar_skill_may_point_anywhere() {
             pose.position = half * pose.position;
         }
     }
-    check(&learned("planar.ron", &shown).unwrap(), 0.0125, 0.0_f64.next_up());
+    check(&learned("planar.ron", &demonstrated).unwrap(), 0.0125, 0.0_f64.next_up());
 }
 
 #[test]
@@ -88,15 +88,15 @@ fn a_skill_of_poses_is_learned() {
 
 #[test]
 fn an_orientation_that_hardly_moves_still_has_a_strict_attractor() {
-    let mut shown = arcs(Manifold::R3S3);
-    for (i, demonstration) in shown.iter_mut().enumerate() {
+    let mut demonstrated = arcs(Manifold::R3S3);
+    for (i, demonstration) in demonstrated.iter_mut().enumerate() {
         for (k, pose) in demonstration.poses.iter_mut().enumerate() {
             let shake = 1e-4 * (i as f64 + 37.0 * k as f64).sin();
             pose.orientation =
                 demonstration.goal_frame.orientation * DQuat::from_scaled_axis(DVec3::X * shake);
         }
     }
-    let trained = learned("pick.ron", &shown).unwrap();
+    let trained = learned("pick.ron", &demonstrated).unwrap();
     check(&trained, 0.02, 0.05);
     let scale = trained.model.fit.programs[1].figure(Figure::LengthScale).unwrap();
     assert!(scale < 3.0, "noise is not blown up: {scale}");
@@ -104,26 +104,26 @@ fn an_orientation_that_hardly_moves_still_has_a_strict_attractor() {
 
 #[test]
 fn demonstrations_that_contradict_each_other_are_warned_of() {
-    let mut shown = arcs(Manifold::R2);
-    let along = shown[1].goal_frame.position.normalize();
-    for pose in &mut shown[1].poses {
+    let mut demonstrated = arcs(Manifold::R2);
+    let along = demonstrated[1].goal_frame.position.normalize();
+    for pose in &mut demonstrated[1].poses {
         // The arc bulges to the other side.
         pose.position = 2.0 * along * along.dot(pose.position) - pose.position;
     }
-    let trained = learned("planar.ron", &shown).unwrap();
+    let trained = learned("planar.ron", &demonstrated).unwrap();
     let warned = trained.warnings.join("; ");
     assert!(warned.contains("made_up_02.json") && warned.contains("contradict"), "{warned}");
 }
 
 #[test]
 fn quaternions_of_either_sign_give_the_same_model() {
-    let mut shown = arcs(Manifold::R3S3);
-    let before = learned("pick.ron", &shown).unwrap();
-    for pose in &mut shown[1].poses {
+    let mut demonstrated = arcs(Manifold::R3S3);
+    let before = learned("pick.ron", &demonstrated).unwrap();
+    for pose in &mut demonstrated[1].poses {
         pose.orientation = -pose.orientation;
     }
-    shown[2].goal_frame.orientation = -shown[2].goal_frame.orientation;
-    let after = learned("pick.ron", &shown).unwrap();
+    demonstrated[2].goal_frame.orientation = -demonstrated[2].goal_frame.orientation;
+    let after = learned("pick.ron", &demonstrated).unwrap();
     let mean = |t: &Trained| orientation(t).unwrap().components[0].mean.clone();
     for (a, b) in mean(&before).iter().zip(mean(&after)) {
         assert!((a - b).abs() < 1e-9);
@@ -146,8 +146,8 @@ fn the_same_input_and_seed_give_the_same_bytes() {
 fn k_means_learns_too_and_depends_on_the_seed_only() {
     let mut skill = skill("planar.ron");
     skill.mixture.initialisation = Initialisation::KMeans;
-    let shown = arcs(Manifold::R2);
-    let trained = |seed| learn(&skill, &shown, seed, &mut |_| {}).unwrap();
+    let demonstrated = arcs(Manifold::R2);
+    let trained = |seed| learn(&skill, &demonstrated, seed, &mut |_| {}).unwrap();
     let first = trained(1);
     check(&first, 0.0125, 0.0_f64.next_up());
     assert_eq!(to_text(&first.model), to_text(&trained(1).model));
@@ -201,18 +201,18 @@ fn goals_on_the_other_side_of_the_start_are_learned_together() {
     let half = DQuat::from_rotation_z(std::f64::consts::PI);
     opposite[1].goal_frame.position = half * opposite[1].goal_frame.position;
     opposite[1].poses.iter_mut().for_each(|pose| pose.position = half * pose.position);
-    let turned = |frame: Pose| Pose {
+    let rotated = |frame: Pose| Pose {
         orientation: DQuat::from_rotation_z(3.0) * frame.orientation,
         ..frame
     };
-    opposite[1].start = turned(opposite[1].start);
-    opposite[1].goal_frame = turned(opposite[1].goal_frame);
+    opposite[1].start = rotated(opposite[1].start);
+    opposite[1].goal_frame = rotated(opposite[1].goal_frame);
     let trained = learned("planar.ron", &opposite).unwrap();
     assert!(trained.model.certificate.holds(), "{:?}", trained.model.certificate.failures);
 
     let mut same = arcs(Manifold::R2);
-    for shown in &mut same {
-        shown.start.position = shown.goal_frame.position;
+    for demonstration in &mut same {
+        demonstration.start.position = demonstration.goal_frame.position;
     }
     let trained = learned("planar.ron", &same).unwrap();
     assert!(trained.model.certificate.holds(), "{:?}", trained.model.certificate.failures);
@@ -222,8 +222,8 @@ fn goals_on_the_other_side_of_the_start_are_learned_together() {
 #[test]
 fn closed_and_crossing_paths_are_followed() {
     let along = |point: &dyn Fn(f64) -> DVec3| {
-        let mut shown = arcs(Manifold::R2);
-        for demonstration in &mut shown {
+        let mut demonstrated = arcs(Manifold::R2);
+        for demonstration in &mut demonstrated {
             let (start, last) = (demonstration.start.position, demonstration.poses.len() - 1);
             for (k, pose) in demonstration.poses.iter_mut().enumerate() {
                 let t = ((k as f64 - 25.0) / (last as f64 - 30.0)).clamp(0.0, 1.0);
@@ -231,13 +231,13 @@ fn closed_and_crossing_paths_are_followed() {
             }
             demonstration.goal_frame.position = demonstration.poses[last].position;
         }
-        shown
+        demonstrated
     };
-    let turn = std::f64::consts::TAU;
-    let circle = |u: f64| DVec3::new((turn * u).sin(), 1.0 - (turn * u).cos(), 0.0) * 0.2;
+    let full = std::f64::consts::TAU;
+    let circle = |u: f64| DVec3::new((full * u).sin(), 1.0 - (full * u).cos(), 0.0) * 0.2;
     // An eight that begins at the top of a loop: it crosses itself elsewhere than at its goal.
     let eight = |u: f64| {
-        let at = |u: f64| DVec3::new((turn * u).sin(), 0.5 * (2.0 * turn * u).sin(), 0.0) * 0.3;
+        let at = |u: f64| DVec3::new((full * u).sin(), 0.5 * (2.0 * full * u).sin(), 0.0) * 0.3;
         at(u + 0.125) - at(0.125)
     };
     check(&learned("planar.ron", &along(&circle)).unwrap(), 0.03, 0.0_f64.next_up());
@@ -250,17 +250,17 @@ fn closed_and_crossing_paths_are_followed() {
 
 #[test]
 fn demonstrations_that_cannot_be_learned_from_are_named() {
-    let message = |shown: &[Demonstration]| match learned("pick.ron", shown) {
+    let message = |demonstrated: &[Demonstration]| match learned("pick.ron", demonstrated) {
         Err(error) => error.to_string(),
         Ok(_) => panic!("the demonstrations were learned from"),
     };
 
-    let mut turned = arcs(Manifold::R3S3);
-    for shown in &mut turned {
-        let end = shown.goal_frame.orientation * DQuat::from_rotation_x(2.5);
-        shown.poses[5].orientation = end * DQuat::from_rotation_y(3.1);
+    let mut rotated = arcs(Manifold::R3S3);
+    for demonstration in &mut rotated {
+        let end = demonstration.goal_frame.orientation * DQuat::from_rotation_x(2.5);
+        demonstration.poses[5].orientation = end * DQuat::from_rotation_y(3.1);
     }
-    let text = message(&turned);
+    let text = message(&rotated);
     assert!(text.contains("made_up_01.json") && text.contains("171°"), "{text}");
 
     let mut still = arcs(Manifold::R3S3);
@@ -278,18 +278,18 @@ fn demonstrations_that_cannot_be_learned_from_are_named() {
 #[test]
 fn the_demonstration_with_which_a_program_cannot_be_solved_is_named() {
     for (template, sampling_time_s) in [("planar.ron", 1e-9), ("planar_thesis.ron", 1e-200)] {
-        let mut shown = arcs(Manifold::R2);
-        shown[1].sampling_time_s = sampling_time_s;
-        let message = learned(template, &shown).unwrap_err().to_string();
+        let mut demonstrated = arcs(Manifold::R2);
+        demonstrated[1].sampling_time_s = sampling_time_s;
+        let message = learned(template, &demonstrated).unwrap_err().to_string();
         assert!(message.contains("`made_up_02.json` causes it"), "{message}");
     }
 }
 
 #[test]
 fn a_broken_sample_is_warned_of_and_its_model_fails_the_certificate() {
-    let mut shown = arcs(Manifold::R2);
-    shown[1].poses[70].position = DVec3::new(5e5, -5e5, 0.0);
-    let trained = learned("planar_thesis.ron", &shown).unwrap();
+    let mut demonstrated = arcs(Manifold::R2);
+    demonstrated[1].poses[70].position = DVec3::new(5e5, -5e5, 0.0);
+    let trained = learned("planar_thesis.ron", &demonstrated).unwrap();
     let warned = |word: &str| {
         trained.warnings.iter().any(|w| w.contains("`made_up_02.json`") && w.contains(word))
     };

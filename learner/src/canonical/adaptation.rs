@@ -1,14 +1,14 @@
-//! Learns how the way adapts to its goal: a ridge regression of the demonstrations on the shift of
+//! Learns how the path adapts to its goal: a ridge regression of the demonstrations on the shift of
 //! their goal frames, in canonical coordinates (see [`tprmp_rmpflow::policy::canonical::adaptation`]).
 //!
 //! ```text
 //! minimise  mean over i, s  |y°_i(s) − m(s) − Σ_j b_j(s) E_j u_i|² + λ Σ_j |E_j|²
 //! ```
 //!
-//! Positions and rotations are learned apart. Which part of the shift they follow, transforms, turn
-//! or both, and how strong λ is, is chosen by leaving out each demonstration in turn and foretelling it
-//! from the others. Where that tells no more than their mean does, nothing is learned: what is left is
-//! chance.
+//! Positions and rotations are learned apart. Which part of the shift they follow, translation, rotation
+//! or both, and how strong λ is, is chosen by the leave-one-out prediction error: each demonstration is
+//! predicted from the others. Where that is no better than by their mean, nothing is learned: what is
+//! left is chance.
 
 use std::array::from_fn;
 
@@ -19,43 +19,40 @@ use tprmp_rmpflow::policy::canonical::adaptation::{
 };
 use tprmp_spatial::jet::Vec3;
 
-/// Fewest demonstrations that tell chance from more.
-pub const DEMONSTRATIONS_MIN: usize = 3;
-/// λ, from strong to weak.
-const RIDGES: [f64; 7] = [0.3, 0.1, 0.03, 0.01, 0.003, 0.001, 0.0003];
-/// A regression is taken when it foretells demonstrations this much better than their mean, or more.
-const BETTER_FRACTION: f64 = 0.8;
-/// Shifts below this were not shown [ŷ, or rad].
-const SHIFT_MIN: f64 = 0.03;
+use crate::skill::AdaptationSettings;
 
-/// A demonstration as far as the regression sees it.
+/// Fewest demonstrations that tell chance from more: without one of two there is no difference left to
+/// learn from.
+pub const DEMONSTRATIONS_MIN: usize = 3;
+
+/// What the regression knows of a demonstration.
 #[derive(Clone, Debug)]
-pub struct Seen {
-    /// FrameTransforms [m] and turn [rad] of its goal frame against its start frame.
+pub struct Observation {
+    /// Translation [m] and rotation [rad] of its goal frame against its start frame.
     pub shift: [DVec3; 2],
     /// Positions and rotations y° at the compared phases [ŷ].
     pub path: Vec<[DVec3; 2]>,
 }
 
-/// Whether ways begin and end together, as the splines do: at both ends they lie apart by no more than half
-/// of what they do on the way.
-fn meet(paths: &[Vec<DVec3>]) -> bool {
+/// Whether paths begin and end together, as the splines do: at both ends they lie apart by no more than
+/// this fraction of their mean distance.
+fn meet(paths: &[Vec<DVec3>], fraction: f64) -> bool {
     let count = paths.len() as f64;
     let apart = |step: usize| {
         let mean = paths.iter().map(|path| path[step]).sum::<DVec3>() / count;
         paths.iter().map(|path| (path[step] - mean).length_squared()).sum::<f64>()
     };
     let steps = paths[0].len();
-    let on_the_way = (0..steps).map(apart).sum::<f64>() / steps as f64;
-    apart(0).max(apart(steps - 1)) <= 0.25 * on_the_way
+    let mean = (0..steps).map(apart).sum::<f64>() / steps as f64;
+    apart(0).max(apart(steps - 1)) <= fraction * fraction * mean
 }
 
 /// What was learned.
 #[derive(Clone, Copy, Debug)]
 pub struct Learned {
-    /// `None` where the mean of the demonstrations tells as much.
+    /// `None` where the mean of the demonstrations predicts as well.
     pub adaptation: Option<Adaptation>,
-    /// How far a demonstration lies from what the others foretell [ŷ, rms]; without others, 0.
+    /// Leave-one-out prediction error [ŷ, rms]; without others, 0.
     pub error: f64,
 }
 
@@ -64,13 +61,18 @@ pub struct Learned {
 /// * `phases`  at which the paths are compared
 /// * `scales`  ŷ per m and per rad
 #[must_use]
-pub fn learn(seen: &[Seen], phases: &[f64], scales: [f64; 2]) -> Learned {
+pub fn learn(
+    observations: &[Observation],
+    phases: &[f64],
+    scales: [f64; 2],
+    settings: &AdaptationSettings,
+) -> Learned {
     let reach = [0, 1].map(|i| {
-        let most = seen.iter().map(|one| one.shift[i].length()).fold(0.0, f64::max);
+        let most = observations.iter().map(|one| one.shift[i].length()).fold(0.0, f64::max);
         let scale = if i == 0 { scales[0] } else { 1.0 };
-        if most * scale < SHIFT_MIN { 0.0 } else { most }
+        if most * scale < settings.shift_min { 0.0 } else { most }
     });
-    let shifts: Vec<[DVec3; 2]> = seen
+    let shifts: Vec<[DVec3; 2]> = observations
         .iter()
         .map(|one| {
             let shift = one.shift.map(|v| Vec3(v.to_array()));
@@ -82,18 +84,19 @@ pub fn learn(seen: &[Seen], phases: &[f64], scales: [f64; 2]) -> Learned {
     let (mut squared, mut adapts) = (0.0, false);
     for block in 0..2 {
         let paths: Vec<Vec<DVec3>> =
-            seen.iter().map(|one| one.path.iter().map(|point| point[block]).collect()).collect();
-        let by_mean = Regression::new(&shifts, &paths, &values, &[]).foretelling_error(1.0);
+            observations.iter().map(|one| one.path.iter().map(|p| p[block]).collect()).collect();
+        let by_mean = Regression::new(&shifts, &paths, &values, &[]).prediction_error(1.0);
         let mut best = (by_mean, None);
-        if seen.len() >= DEMONSTRATIONS_MIN && by_mean > 0.0 && meet(&paths) {
+        let meet = || meet(&paths, settings.end_spread_fraction_max);
+        if observations.len() >= DEMONSTRATIONS_MIN && by_mean > 0.0 && meet() {
             for parts in [&[0][..], &[1], &[0, 1]] {
                 if parts.iter().any(|part| reach[*part] == 0.0) {
                     continue;
                 }
                 let regression = Regression::new(&shifts, &paths, &values, parts);
-                for ridge in RIDGES {
-                    let error = regression.foretelling_error(ridge);
-                    if error < best.0.min(BETTER_FRACTION * by_mean) {
+                for ridge in settings.ridges.iter().copied() {
+                    let error = regression.prediction_error(ridge);
+                    if error < best.0.min(settings.error_fraction_max * by_mean) {
                         best = (error, Some((parts, ridge)));
                     }
                 }
@@ -200,8 +203,8 @@ impl<'a> Regression<'a> {
         Solution { input, weights: factor.solve(&right) }
     }
 
-    /// How far each demonstration lies from what the others foretell [ŷ, rms over all].
-    fn foretelling_error(&self, ridge: f64) -> f64 {
+    /// How far each demonstration lies from what the others predict [ŷ, rms over all].
+    fn prediction_error(&self, ridge: f64) -> f64 {
         if self.paths.len() < 2 {
             return 0.0;
         }
@@ -211,7 +214,7 @@ impl<'a> Regression<'a> {
             let solution = self.solve(&others, ridge);
             let away = &self.inputs[i] - &solution.input;
             // Σ_a W_{a j} (u − ū)_a for each j.
-            let bend: Vec<DVec3> = (0..SPLINES)
+            let coefficients: Vec<DVec3> = (0..SPLINES)
                 .map(|j| {
                     let entry = |c: usize| -> f64 {
                         (0..away.len())
@@ -223,8 +226,9 @@ impl<'a> Regression<'a> {
                 .collect();
             for (step, y) in path.iter().enumerate() {
                 let mean = others.iter().map(|k| self.paths[*k][step]).sum::<DVec3>();
-                let bent: DVec3 = bend.iter().zip(self.values[step]).map(|(e, b)| *e * b).sum();
-                sum += (*y - mean / others.len() as f64 - bent).length_squared();
+                let adapted = coefficients.iter().zip(self.values[step]).map(|(e, b)| *e * b);
+                let adapted: DVec3 = adapted.sum();
+                sum += (*y - mean / others.len() as f64 - adapted).length_squared();
             }
         }
         (sum / (self.paths.len() * self.values.len()) as f64).sqrt()
@@ -233,13 +237,13 @@ impl<'a> Regression<'a> {
     /// Writes the regression on all demonstrations into the rows of a block.
     fn write(&self, ridge: f64, block: usize, scale: f64, bends: &mut [Bend; SPLINES]) {
         let solution = self.solve(&self.others(None), ridge);
-        for (j, bend) in bends.iter_mut().enumerate() {
+        for (j, matrix) in bends.iter_mut().enumerate() {
             for (k, part) in self.parts.iter().enumerate() {
                 for a in 0..3 {
                     let row = (3 * k + a) * SPLINES + j;
                     let [x, y, z]: [f64; 3] = from_fn(|c| solution.weights[(row, c)] / scale);
                     for (c, entry) in [x, y, z].into_iter().enumerate() {
-                        bend[3 * block + c][3 * part + a] = entry;
+                        matrix[3 * block + c][3 * part + a] = entry;
                     }
                 }
             }
@@ -257,29 +261,42 @@ mod tests {
         (0..50).map(|i| f64::from(i) / 49.0).collect()
     }
 
-    /// A way that swings out by `swing` times the displacement of its goal, and noise.
-    fn shown(count: u32, swing: f64, noise: f64) -> Vec<Seen> {
+    fn settings() -> AdaptationSettings {
+        AdaptationSettings {
+            ridges: vec![0.3, 0.1, 0.03, 0.01, 0.003, 0.001, 0.0003],
+            error_fraction_max: 0.8,
+            shift_min: 0.03,
+            end_spread_fraction_max: 0.5,
+        }
+    }
+
+    fn learned(observations: &[Observation]) -> Learned {
+        learn(observations, &phases(), SCALES, &settings())
+    }
+
+    /// A path that swings out by `swing` times the displacement of its goal, and noise.
+    fn demonstrated(count: u32, swing: f64, noise: f64) -> Vec<Observation> {
         let one = |i: u32| {
             let s = f64::from(i);
             let shift = DVec3::new((s * 1.7).sin(), (s * 2.9).cos(), 0.3 * (s * 0.7).sin()) * 0.1;
             let point = |phase: &f64| {
                 let wide = (std::f64::consts::PI * phase).sin().powi(4);
                 let chance = DVec3::new((s * 91.7).sin(), (s * 47.3).cos(), (s * 73.1).sin());
-                let way = DVec3::new(*phase, 0.3 * phase * phase, 0.0);
-                let bent = DVec3::new(shift.y, -shift.x, 0.0) * (swing * wide);
-                [(way + bent + chance * (noise * wide)) * SCALES[0], DVec3::ZERO]
+                let straight = DVec3::new(*phase, 0.3 * phase * phase, 0.0);
+                let swung = DVec3::new(shift.y, -shift.x, 0.0) * (swing * wide);
+                [(straight + swung + chance * (noise * wide)) * SCALES[0], DVec3::ZERO]
             };
-            Seen { shift: [shift, DVec3::ZERO], path: phases().iter().map(point).collect() }
+            Observation { shift: [shift, DVec3::ZERO], path: phases().iter().map(point).collect() }
         };
         (0..count).map(one).collect()
     }
 
     #[test]
-    fn a_way_that_swings_out_with_its_goal_is_foretold() {
-        let learned = learn(&shown(6, 0.8, 0.0), &phases(), SCALES);
+    fn a_path_that_swings_out_with_its_goal_is_predicted() {
+        let learned = learned(&demonstrated(6, 0.8, 0.0));
         let adaptation = learned.adaptation.expect("it adapts");
         assert!(learned.error < 0.02, "{}", learned.error);
-        // In the middle of the way, where the swing is widest: row y, column x.
+        // In the middle of the path, where the swing is widest: row y, column x.
         let (at, phase) = (SPLINES / 2, 0.5);
         let value = splines(phase).1[1][0];
         assert!(value > 0.6, "the middle one of the splines");
@@ -290,24 +307,24 @@ mod tests {
     }
 
     #[test]
-    fn ways_that_begin_apart_are_not_bent_together() {
-        let mut seen = shown(6, 0.8, 0.0);
-        for one in &mut seen {
+    fn paths_that_begin_apart_do_not_adapt() {
+        let mut observations = demonstrated(6, 0.8, 0.0);
+        for one in &mut observations {
             let aside = DVec3::Z * one.shift[0].x;
             one.path.iter_mut().for_each(|point| point[0] += aside * 3.0);
         }
-        assert!(learn(&seen, &phases(), SCALES).adaptation.is_none());
+        assert!(learned(&observations).adaptation.is_none());
     }
 
     #[test]
     fn what_is_chance_is_not_learned() {
         for count in [2, 3, 6] {
-            let learned = learn(&shown(count, 0.0, 0.05), &phases(), SCALES);
+            let learned = learned(&demonstrated(count, 0.0, 0.05));
             assert!(learned.adaptation.is_none(), "{count}");
             assert!(learned.error > 0.0);
         }
-        let same = learn(&shown(3, 0.0, 0.0), &phases(), SCALES);
+        let same = learned(&demonstrated(3, 0.0, 0.0));
         assert!(same.adaptation.is_none() && same.error < 1e-12);
-        assert_eq!(learn(&shown(1, 0.0, 0.0), &phases(), SCALES).error, 0.0);
+        assert_eq!(learned(&demonstrated(1, 0.0, 0.0)).error, 0.0);
     }
 }

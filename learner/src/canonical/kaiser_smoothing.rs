@@ -1,4 +1,4 @@
-//! Smoothing by a running mean with a Kaiser window, as the thesis' own code does it: each sample
+//! Smoothing by the mean over a Kaiser window, as the thesis' own code does it: each sample
 //! becomes the weighted mean of its neighbours, of which those before it are smoothed already.
 //!
 //! ```text
@@ -27,15 +27,15 @@ pub fn kaiser_smoothing(
     let mut smoothed = poses.to_vec();
     for i in 0..poses.len() {
         let (first, end) = (i.saturating_sub(half), (i + half).min(poses.len()));
-        let seen = &smoothed[first..end];
+        let window_poses = &smoothed[first..end];
         let weights = &window[first + half - i..end + half - i];
         let sum: f64 = weights.iter().sum();
         let position: DVec3 =
-            seen.iter().zip(weights).map(|(pose, weight)| pose.position * *weight).sum();
-        let orientations: Vec<_> = seen.iter().map(|pose| pose.orientation).collect();
-        let turns = orientations.iter().any(|q| *q != orientations[0]);
+            window_poses.iter().zip(weights).map(|(pose, weight)| pose.position * *weight).sum();
+        let orientations: Vec<_> = window_poses.iter().map(|pose| pose.orientation).collect();
+        let rotates = orientations.iter().any(|q| *q != orientations[0]);
         let orientation =
-            if turns { mean_orientation(&orientations, weights) } else { orientations[0] };
+            if rotates { mean_orientation(&orientations, weights) } else { orientations[0] };
         smoothed[i] = Pose { position: position / sum, orientation };
     }
     smoothed

@@ -2,13 +2,17 @@
 
 pub mod adaptation;
 mod coordinates;
+mod frame_map;
 pub mod kaiser_smoothing;
 pub mod means;
+mod motion;
+pub mod path;
 pub mod phase_profile;
 pub mod savitzky_golay;
 
 pub use coordinates::{
-    CanonicalDemonstration, CanonicalSet, DemonstrationError, canonical_path, canonicalise,
-    mean_goal, mean_pose, moving_ranges, prepared,
+    CanonicalDemonstration, CanonicalSet, canonical_path, canonicalise, prepared,
 };
+pub use means::{mean_goal, mean_pose};
+pub use motion::{DemonstrationError, moving_ranges};
 pub use phase_profile::PhaseProfile;

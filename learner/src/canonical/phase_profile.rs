@@ -1,4 +1,4 @@
-//! How the phase runs from 0 to 1 while a demonstration is shown.
+//! How the phase runs from 0 to 1 during a demonstration.
 //!
 //! The policy moves its phase by a potential and the damping d (see `tprmp_rmpflow::policy::canonical::field`), from
 //! rest: so the phase of the demonstrations is the solution of
@@ -7,20 +7,22 @@
 //! s̈ = f(s) − d ṡ     f(s) = d v tanh((1 − s)/w)     w = 4v/d     s(0) = ṡ(0) = 0
 //! ```
 //!
-//! a constant pull on the way, and a spring without overshoot at the goal (f′(1) = −d²/4). A potential
+//! a constant pull before, and a spring without overshoot at the goal (f′(1) = −d²/4). A potential
 //! with this slope reproduces it without a lag. A profile that suits the eye, such as one that rises like
 //! t³, has no such potential: where s̈ + d ṡ is no smooth function of s, each error at the start grows.
 //!
-//! v is such that the phase ends, after the duration, where all but a fraction of w is left; that is then
-//! called 1.
+//! v is such that the phase ends, after the duration, where a fraction of w is left; that is then called
+//! 1. The fraction belongs to the profile and is no setting: pictures of a model draw by the same profile.
 
 use crate::skill::FitSettings;
 
-/// What is left of w when the demonstrations end.
+/// What is left of w when the demonstrations end: where tanh is linear to 1.3 %, so that the end is
+/// approached as the policy approaches it.
 const LEFT: f64 = 0.2;
-/// Steps of the table, and of the integration.
+/// Steps of the table, and of the integration: a hundred in each of the policy's time constants 1/d at
+/// 8/s over 5 s.
 const STEPS: usize = 4000;
-/// Halvings in the search of v.
+/// Halvings in the search of v: more than a double has digits.
 const HALVINGS: usize = 60;
 
 /// The phase as a function of the fraction of a duration.
@@ -82,17 +84,17 @@ impl PhaseProfile {
 
 /// Phase and derivatives at equal steps of the fraction, by the midpoint rule.
 fn integrate(v: f64, d: f64) -> Vec<[f64; 3]> {
-    let bend = |s: f64, rate: f64| d * (v * ((1.0 - s) * d / (4.0 * v)).tanh() - rate);
+    let second = |s: f64, rate: f64| d * (v * ((1.0 - s) * d / (4.0 * v)).tanh() - rate);
     let h = 1.0 / STEPS as f64;
     let (mut s, mut rate) = (0.0, 0.0);
     let mut table = Vec::with_capacity(STEPS + 1);
     for _ in 0..STEPS {
-        let acceleration = bend(s, rate);
+        let acceleration = second(s, rate);
         table.push([s, rate, acceleration]);
         let (s_mid, rate_mid) = (s + 0.5 * h * rate, rate + 0.5 * h * acceleration);
         s += h * rate_mid;
-        rate += h * bend(s_mid, rate_mid);
+        rate += h * second(s_mid, rate_mid);
     }
-    table.push([s, rate, bend(s, rate)]);
+    table.push([s, rate, second(s, rate)]);
     table
 }

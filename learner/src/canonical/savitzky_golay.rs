@@ -6,16 +6,7 @@
 use glam::DVec3;
 use nalgebra::DMatrix;
 
-/// A path with its first two derivatives, one entry a sample. Unit u is m or rad.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Path {
-    /// Points [u].
-    pub points: Vec<DVec3>,
-    /// Velocities [u/s].
-    pub velocities: Vec<DVec3>,
-    /// Accelerations [u/s²].
-    pub accelerations: Vec<DVec3>,
-}
+use crate::canonical::path::Path;
 
 /// Smooths samples that are `sampling_time_s` apart with a window of about `window_s` and
 /// polynomials of a degree. The window has an odd number of samples, enough for the degree and no
@@ -29,8 +20,8 @@ pub fn smooth(samples: &[DVec3], sampling_time_s: f64, window_s: f64, degree: us
     assert!(n > degree + 1, "a polynomial needs more samples than its degree");
     let half_min = degree / 2 + 1;
     let half_max = (n - 1) / 2;
-    let wished = (0.5 * window_s / sampling_time_s).round() as usize;
-    let half = wished.max(half_min).min(half_max);
+    let wanted = (0.5 * window_s / sampling_time_s).round() as usize;
+    let half = wanted.max(half_min).min(half_max);
     let fit = polynomial_fit(half, degree);
     let unit_s = half as f64 * sampling_time_s;
     let mut path = Path {

@@ -182,20 +182,9 @@ pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstr
         );
         return fail("sampling_time_s", problem);
     }
-    let mut poses = Vec::with_capacity(file.samples.len());
-    for (i, row) in file.samples.iter().enumerate() {
-        let row = numbers(row, file.columns.len(), &format!("samples[{i}]"), path)?;
-        let position = position(
-            &[row[0], row[1], row.get(2).copied().unwrap_or(0.0)],
-            &format!("samples[{i}]"),
-            path,
-        )?;
-        let orientation = match row.get(3..7) {
-            Some(q) => quaternion(q, &format!("samples[{i}]"), path)?,
-            None => DQuat::IDENTITY,
-        };
-        poses.push(Pose { position, orientation });
-    }
+    let poses = file.samples.iter().enumerate();
+    let poses = poses.map(|(i, row)| sample(i, row, file.columns.len(), path));
+    let poses = poses.collect::<Result<Vec<_>, _>>()?;
     if poses.iter().all(|p| (p.position - poses[0].position).length() < 1e-9) {
         return fail("samples", "expected a motion, found a point that never moves".into());
     }
@@ -215,7 +204,20 @@ pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstr
     })
 }
 
-/// Parses the JSON; its schema first, so that a file of another version is told as such.
+/// The pose of sample `i`.
+fn sample(i: usize, row: &[Option<f64>], columns: usize, path: &Path) -> Result<Pose, FileError> {
+    let key = format!("samples[{i}]");
+    let row = numbers(row, columns, &key, path)?;
+    let z = row.get(2).copied().unwrap_or(0.0);
+    let position = position(&[row[0], row[1], z], &key, path)?;
+    let orientation = match row.get(3..7) {
+        Some(q) => quaternion(q, &key, path)?,
+        None => DQuat::IDENTITY,
+    };
+    Ok(Pose { position, orientation })
+}
+
+/// Parses the JSON; its schema first, so that a file of another version is refused as such.
 fn parse(text: &str, path: &Path) -> Result<File, FileError> {
     let finite_text;
     let mut text = text;

@@ -1,14 +1,14 @@
 //! Numbers that can be read but are hardly meant: other units, a wrong sampling time, a sensor that
 //! lost its way. They are warned of, not refused.
 
-use glam::DVec3;
 use tprmp_spatial::Pose;
 
-use crate::demonstration::Demonstration;
+use crate::demonstration::bounds::diagonal;
+use crate::demonstration::file::Demonstration;
 
 /// No tool is faster [m/s].
 const SPEED_MAX_M_S: f64 = 20.0;
-/// … or turns faster [rad/s].
+/// … or rotates faster [rad/s].
 const SPEED_MAX_RAD_S: f64 = 50.0;
 /// No arm reaches farther [m].
 const SPAN_MAX_M: f64 = 20.0;
@@ -23,7 +23,7 @@ const JUMP_MIN_RAD: f64 = 0.1;
 #[must_use]
 pub fn warnings(demonstrations: &[Demonstration]) -> Vec<String> {
     let mut warnings = Vec::new();
-    let mut tell = |measure: fn(&Demonstration) -> Option<Found>, text: fn(&Found) -> String| {
+    let mut warn = |measure: fn(&Demonstration) -> Option<Found>, text: fn(&Found) -> String| {
         let found = demonstrations.iter().filter_map(|d| Some((d, measure(d)?)));
         let found: Vec<_> = found.collect();
         let Some((worst, most)) = found.iter().max_by(|a, b| a.1.size.total_cmp(&b.1.size)) else {
@@ -35,21 +35,24 @@ pub fn warnings(demonstrations: &[Demonstration]) -> Vec<String> {
         };
         warnings.push(format!("`{}`{others} {}", worst.name, text(most)));
     };
-    tell(span, |f| {
+    warn(span, |f| {
         format!("spans {:.0} m: expected positions in metres, are they millimetres?", f.size)
     });
-    tell(jump, |f| format!("jumps by {:.3} m at sample {}: is a sample broken?", f.size, f.sample));
-    tell(turn, |f| {
+    warn(jump, |f| format!("jumps by {:.3} m at sample {}: is a sample broken?", f.size, f.sample));
+    warn(rotation_jump, |f| {
         format!("jumps by {:.2} rad at sample {}: is a sample broken?", f.size, f.sample)
     });
-    tell(speed, |f| {
+    warn(speed, |f| {
         format!(
             "moves at {:.0} m/s at sample {}: are `sampling_time_s` and the unit right?",
             f.size, f.sample
         )
     });
-    tell(angular_speed, |f| {
-        format!("turns at {:.0} rad/s at sample {}: is `sampling_time_s` right?", f.size, f.sample)
+    warn(angular_speed, |f| {
+        format!(
+            "rotates at {:.0} rad/s at sample {}: is `sampling_time_s` right?",
+            f.size, f.sample
+        )
     });
     warnings
 }
@@ -68,10 +71,7 @@ fn span(demonstration: &Demonstration) -> Option<Found> {
 
 fn extent(demonstration: &Demonstration) -> f64 {
     let frames = [&demonstration.start, &demonstration.goal_frame];
-    let points = || demonstration.poses.iter().chain(frames).map(|pose| pose.position);
-    let low = points().reduce(DVec3::min).unwrap_or_default();
-    let high = points().reduce(DVec3::max).unwrap_or_default();
-    (high - low).length()
+    diagonal(demonstration.poses.iter().chain(frames).map(|pose| pose.position))
 }
 
 /// Distance between neighbouring samples [m].
@@ -82,8 +82,8 @@ fn steps(demonstration: &Demonstration) -> Vec<f64> {
 
 /// Angle between two orientations [rad].
 pub fn angle(a: &Pose, b: &Pose) -> f64 {
-    let turn = a.orientation.conjugate() * b.orientation;
-    2.0 * turn.xyz().length().atan2(turn.w.abs())
+    let rotation = a.orientation.conjugate() * b.orientation;
+    2.0 * rotation.xyz().length().atan2(rotation.w.abs())
 }
 
 /// Angle between neighbouring samples [rad].
@@ -95,7 +95,7 @@ fn jump(demonstration: &Demonstration) -> Option<Found> {
     lone(&steps(demonstration), JUMP_FRACTION * extent(demonstration))
 }
 
-fn turn(demonstration: &Demonstration) -> Option<Found> {
+fn rotation_jump(demonstration: &Demonstration) -> Option<Found> {
     lone(&rotations(demonstration), JUMP_MIN_RAD)
 }
 
@@ -116,7 +116,7 @@ fn lone(steps: &[f64], least: f64) -> Option<Found> {
         steps[i] > least && steps[i] > JUMP_RATIO * beside
     };
     let mut found = longest((0..steps.len()).filter(|i| far(*i)).map(|i| (i, steps[i])))?;
-    // The way back to the path, from the sample that is off it.
+    // The step back to the path, from the sample that is off it.
     if found.sample >= 2 && far(found.sample - 2) {
         found.sample -= 1;
     }
@@ -137,12 +137,14 @@ fn longest(steps: impl Iterator<Item = (usize, f64)>) -> Option<Found> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DQuat;
+    use glam::{DQuat, DVec3};
     use std::path::Path;
     use tprmp_model::skill_model::Manifold;
 
-    /// A turn and a bow of half a metre in two seconds, at rest at both ends.
-    fn shown() -> Demonstration {
+    use crate::demonstration::file::read_folder;
+
+    /// A rotation and a bow of half a metre in two seconds, at rest at both ends.
+    fn demonstrated() -> Demonstration {
         let poses = (0..=100).map(|i| {
             let t = f64::from(i) / 100.0;
             let s = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t);
@@ -165,9 +167,9 @@ mod tests {
 
     #[track_caller]
     fn warned(edit: impl Fn(&mut Demonstration), expected: &[&str]) {
-        let mut demonstration = shown();
+        let mut demonstration = demonstrated();
         edit(&mut demonstration);
-        let warnings = warnings(&[shown(), demonstration]);
+        let warnings = warnings(&[demonstrated(), demonstration]);
         assert_eq!(warnings.len(), expected.len(), "{warnings:?}");
         for (warning, expected) in warnings.iter().zip(expected) {
             assert!(warning.contains(expected), "{warning}");
@@ -181,14 +183,13 @@ mod tests {
         warned(|d| d.poses = d.poses[40..60].to_vec(), &[]);
         // One that rests in between.
         warned(|d| d.poses.splice(50..50, [d.poses[50]; 30]).for_each(drop), &[]);
-        for skill in ["pick", "planar"] {
-            let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config");
-            let file = config.join("skills").join(format!("{skill}.ron"));
-            let skill = crate::skill::Skill::read(&file).unwrap();
-            let folder = file.parent().unwrap().join(&skill.demonstrations);
-            let (name, start, goal) = (&skill.skill, &skill.start_frame, &skill.goal_frame);
-            let read =
-                crate::demonstration::read_folder(&folder, name, skill.manifold, start, goal, &[]);
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config");
+        for (skill, manifold, [start, goal]) in [
+            ("pick", Manifold::R3S3, ["ee_start", "object"]),
+            ("planar", Manifold::R2, ["start", "end"]),
+        ] {
+            let folder = config.join("demonstrations").join(skill);
+            let read = read_folder(&folder, skill, manifold, start, goal, &[]);
             assert_eq!(warnings(&read.unwrap()), Vec::<String>::new());
         }
     }
@@ -201,9 +202,9 @@ mod tests {
         warned(millimetres, &["`03.json` spans", "m/s"]);
         warned(|d| d.goal_frame.position.x = 400.0, &["spans 400 m"]);
         warned(|d| d.sampling_time_s = 2e-5, &["m/s", "rad/s"]);
-        let mut large = shown();
+        let mut large = demonstrated();
         millimetres(&mut large);
-        let all = [large.clone(), shown(), large.clone(), large];
+        let all = [large.clone(), demonstrated(), large.clone(), large];
         assert!(warnings(&all)[0].contains("(and 2 others)"), "{:?}", warnings(&all));
     }
 

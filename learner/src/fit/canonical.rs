@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model::{FieldModel, PolicyModel, Program, ProgramFit};
 
 use crate::canonical::CanonicalSet;
-use crate::canonical::savitzky_golay::Path;
+use crate::canonical::path::Path;
 use crate::fit::error::NotSolved;
 use crate::fit::field::{self, shape};
 use crate::fit::targets::BlockPath;

@@ -6,6 +6,7 @@ pub mod canonical;
 pub mod conic;
 mod error;
 mod field;
+mod program;
 pub mod targets;
 pub mod thesis;
 pub mod valley;

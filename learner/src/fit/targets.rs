@@ -38,27 +38,20 @@ pub struct Descent<const N: usize> {
     pub point: SVector<f64, N>,
     /// Unit direction.
     pub direction: SVector<f64, N>,
-    /// Fraction of the demanded speed, which falls towards the goal.
+    /// Fraction of the least speed, which falls towards the goal.
     pub fraction: f64,
 }
 
-/// Fewest samples of a demonstration that a stride leaves, so that sparsely sampled
-/// demonstrations count as well.
-const SAMPLES_MIN: usize = 10;
-/// Points nearer to the goal have no direction to it [ŷ].
+/// Points nearer to the goal have no direction to it [ŷ]: rounding.
 const AT_GOAL: f64 = 1e-6;
-/// Random points nearer to the goal are left to the Hessian [ŷ].
-const GOAL_DISTANCE_MIN: f64 = 0.02;
-/// A tube point is dropped when another part of the path is nearer than this fraction of its offset.
-const TUBE_CLEARANCE: f64 = 0.75;
 
 /// A point and a velocity of a demonstration.
 type Sample<const N: usize> = (SVector<f64, N>, SVector<f64, N>);
 
 impl<const N: usize> BlockPath<N> {
-    /// Every so many samples, from the first on.
-    fn every(&self, stride: usize) -> impl Iterator<Item = Sample<N>> + '_ {
-        let stride = stride.min((self.points.len() / SAMPLES_MIN).max(1));
+    /// Every so many samples, from the first on, but no fewer than `samples_min` where there are.
+    fn every(&self, stride: usize, samples_min: usize) -> impl Iterator<Item = Sample<N>> + '_ {
+        let stride = stride.min((self.points.len() / samples_min).max(1));
         self.points.iter().copied().zip(self.velocities.iter().copied()).step_by(stride)
     }
 }
@@ -66,7 +59,7 @@ impl<const N: usize> BlockPath<N> {
 /// Samples of the demonstrations, and of the tube beside them, from which the field leads back.
 #[must_use]
 pub fn targets<const N: usize>(paths: &[BlockPath<N>], settings: &FieldSettings) -> Vec<Target<N>> {
-    let shown: Vec<_> = sparse_samples(paths, settings);
+    let demonstrated = sparse_samples(paths, settings);
     let mut targets = Vec::new();
     for path in paths {
         let weight = 1.0 / (path.points.len() * paths.len()) as f64;
@@ -80,7 +73,7 @@ pub fn targets<const N: usize>(paths: &[BlockPath<N>], settings: &FieldSettings)
                 weight,
             });
         }
-        let tube: Vec<_> = path.every(settings.tube_stride).collect();
+        let tube: Vec<_> = path.every(settings.tube_stride, settings.stride_samples_min).collect();
         let count = tube.len() * paths.len() * 2 * (N - 1) * settings.tube_offsets.len();
         let weight = settings.tube_weight / count as f64;
         for (point, velocity) in tube {
@@ -90,11 +83,11 @@ pub fn targets<const N: usize>(paths: &[BlockPath<N>], settings: &FieldSettings)
             for normal in normals(&velocity) {
                 for offset in &settings.tube_offsets {
                     let beside = point + normal * *offset;
-                    let nearest = shown
+                    let nearest = demonstrated
                         .iter()
                         .map(|(p, _)| (p - beside).norm())
                         .fold(f64::INFINITY, f64::min);
-                    if nearest > TUBE_CLEARANCE * offset {
+                    if nearest > settings.tube_clearance_fraction * offset {
                         targets.push(Target {
                             point: beside,
                             velocity: velocity - normal * (settings.tube_attraction_1_s * offset),
@@ -113,7 +106,8 @@ fn sparse_samples<const N: usize>(
     paths: &[BlockPath<N>],
     settings: &FieldSettings,
 ) -> Vec<Sample<N>> {
-    paths.iter().flat_map(|path| path.every(settings.descent_stride)).collect()
+    let (stride, least) = (settings.descent_stride, settings.stride_samples_min);
+    paths.iter().flat_map(|path| path.every(stride, least)).collect()
 }
 
 /// Unit vectors across a velocity, a pair for each dimension but one.
@@ -121,7 +115,7 @@ fn normals<const N: usize>(velocity: &SVector<f64, N>) -> Vec<SVector<f64, N>> {
     let along = velocity.normalize();
     let mut across: Vec<SVector<f64, N>> = Vec::with_capacity(2 * (N - 1));
     // Gram–Schmidt, each time from the axis that lies best across what there is: never degenerate,
-    // whichever way the demonstration runs.
+    // whichever direction the demonstration has.
     while across.len() < 2 * (N - 1) {
         let best = (0..N)
             .map(|index| {
@@ -144,7 +138,7 @@ fn normals<const N: usize>(velocity: &SVector<f64, N>) -> Vec<SVector<f64, N>> {
 /// Knows in which direction the field must descend at any point.
 #[derive(Clone, Debug)]
 pub struct Guide<'a, const N: usize> {
-    shown: Vec<Sample<N>>,
+    demonstrated: Vec<Sample<N>>,
     goal: SVector<f64, N>,
     settings: &'a FieldSettings,
 }
@@ -157,16 +151,16 @@ impl<'a, const N: usize> Guide<'a, N> {
         goal: &SVector<f64, N>,
         settings: &'a FieldSettings,
     ) -> Self {
-        Self { shown: sparse_samples(paths, settings), goal: *goal, settings }
+        Self { demonstrated: sparse_samples(paths, settings), goal: *goal, settings }
     }
 
-    /// Where descent is demanded: seeded random points around the demonstrations, and samples of
+    /// Where descent is a constraint: seeded random points around the demonstrations, and samples of
     /// them.
     pub fn descents(&self, random: &mut impl Rng) -> Vec<Descent<N>> {
         let settings = self.settings;
         let mut points = Vec::new();
         for _ in 0..settings.descent_points_random {
-            let (mut point, _) = self.shown[random.random_range(0..self.shown.len())];
+            let (mut point, _) = self.demonstrated[random.random_range(0..self.demonstrated.len())];
             for i in 0..N {
                 let last = i == N - 1;
                 let radius =
@@ -175,19 +169,19 @@ impl<'a, const N: usize> Guide<'a, N> {
             }
             points.push(point);
         }
-        points.retain(|z| (z - self.goal).norm() > GOAL_DISTANCE_MIN);
-        points.extend(self.shown.iter().map(|(point, _)| *point));
+        points.retain(|z| (z - self.goal).norm() > settings.descent_goal_distance_min);
+        points.extend(self.demonstrated.iter().map(|(point, _)| *point));
         points.retain(|z| (z - self.goal).norm() > AT_GOAL);
         points.into_iter().map(|point| self.descent(point)).collect()
     }
 
-    /// The demonstrated direction of the nearest sample, bent towards it, and near the goal
+    /// The demonstrated direction of the nearest sample, turned towards it, and near the goal
     /// towards the goal.
     #[must_use]
     pub fn descent(&self, point: SVector<f64, N>) -> Descent<N> {
         let settings = self.settings;
         let (near_point, near_velocity) = self
-            .shown
+            .demonstrated
             .iter()
             .min_by(|a, b| (a.0 - point).norm_squared().total_cmp(&(b.0 - point).norm_squared()))
             .expect("there are demonstrations");
@@ -198,10 +192,10 @@ impl<'a, const N: usize> Guide<'a, N> {
         // A sample at rest shows no direction: its noise must not become one.
         let forward =
             if speed > settings.tube_speed_min { near_velocity / speed } else { goal_direction };
-        let bent = forward + (near_point - point) / settings.descent_attraction;
-        let bent = bent.try_normalize(1e-9).unwrap_or(goal_direction);
+        let towards = forward + (near_point - point) / settings.descent_attraction;
+        let towards = towards.try_normalize(1e-9).unwrap_or(goal_direction);
         let near = (-(distance / settings.descent_goal_radius).powi(2)).exp();
-        let direction = bent * (1.0 - near) + goal_direction * near;
+        let direction = towards * (1.0 - near) + goal_direction * near;
         Descent {
             point,
             direction: direction.try_normalize(1e-9).unwrap_or(goal_direction),

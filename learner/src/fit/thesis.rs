@@ -33,6 +33,7 @@ use tprmp_model::skill_model::{
 use tprmp_rmpflow::policy::thesis::{GaussianField, ThesisState};
 use tprmp_spatial::MovingPose;
 use tprmp_spatial::rotation::rotation_vector;
+use tprmp_spatial::{MovingPose, Pose};
 
 use crate::canonical::savitzky_golay::smooth;
 use crate::canonical::{CanonicalSet, DemonstrationError};
@@ -41,8 +42,6 @@ use crate::fit::conic::{Affine, ConicProgram, Solution};
 use crate::fit::error::{FitError, NotSolved};
 use crate::skill::{DampingTarget, Skill, ThesisSettings};
 
-/// A slower sample shows no direction: fraction of the demonstration's largest speed.
-const SPEED_FRACTION_MIN: f64 = 0.02;
 /// Neighbours that differ by less than this fraction of the largest value are equal.
 const ACTIVE: f64 = 1e-4;
 
@@ -59,22 +58,25 @@ pub struct Sample<const D: usize> {
 
 /// A demonstration, and the field of the products with its frames.
 #[derive(Clone, Debug)]
-pub struct Shown<const D: usize> {
+pub struct Demonstrated<const D: usize> {
     /// Its samples, in order.
     pub samples: Vec<Sample<D>>,
     /// The field.
     pub field: GaussianField<D>,
 }
 
-/// Potential and damping of a mixture of `components` that nothing was fitted to.
-#[must_use]
-pub fn unfitted(settings: &ThesisSettings, components: usize) -> ThesisModel {
-    ThesisModel {
-        metric_scale: settings.metric_scale,
-        huber_threshold: settings.huber_threshold,
-        potentials: vec![0.0; components],
-        damping: vec![settings.damping_min; components],
-    }
+/// What potential and damping are fitted to.
+pub struct ThesisFit<'a> {
+    /// The learned mixture of each frame.
+    pub mixture: &'a [FrameMixture],
+    /// The skill.
+    pub skill: &'a Skill,
+    /// How its policy is fitted.
+    pub settings: &'a ThesisSettings,
+    /// The demonstrations …
+    pub demonstrations: &'a [Demonstration],
+    /// … in canonical coordinates.
+    pub set: &'a CanonicalSet,
 }
 
 /// Fits potential and damping to the learned mixture of each frame.
@@ -146,29 +148,73 @@ fn shown<const D: usize>(
         if settings.kaiser_smoothing.is_some() {
             return (samples.to_vec(), differences(samples, dt));
         }
-        let path = smooth(samples, dt, skill.smoothing.window_s, skill.smoothing.degree);
-        (path.points, path.velocities)
-    };
-    let positions: Vec<DVec3> = demonstration.poses.iter().map(|pose| pose.position).collect();
-    let rotations: Vec<DVec3> = demonstration
-        .poses
-        .iter()
-        .map(|pose| if D == 6 { rotation_vector(chart * pose.orientation) } else { DVec3::ZERO })
-        .collect();
-    let (position, linear_velocity) = smoothed(&positions);
-    let (rotation, angular_velocity) = smoothed(&rotations);
-    let joined = |linear: DVec3, angular: DVec3| {
-        SVector::<f64, D>::from_fn(|i, _| if i < 3 { linear[i] } else { angular[i - 3] })
-    };
-    let samples = moving
-        .step_by(settings.stride)
-        .map(|i| Sample {
+    }
+
+    fn fit_in<const D: usize>(&self) -> Result<(PolicyModel, Vec<ProgramFit>), FitError> {
+        let components = self.mixture[0].gaussians.len();
+        let mut thesis = ThesisModel {
+            metric_scale: self.settings.metric_scale,
+            huber_threshold: self.settings.huber_threshold,
+            potentials: vec![0.0; components],
+            damping: vec![self.settings.damping_min; components],
+        };
+        let demonstrated = |thesis: &ThesisModel| -> Result<Vec<_>, DemonstrationError> {
+            let pairs = self.demonstrations.par_iter().zip(&self.set.demonstrations);
+            pairs.map(|(d, canonical)| self.in_chart::<D>(thesis, d, canonical.moving())).collect()
+        };
+        let (potentials, potential_fit) = fit_potential(&demonstrated(&thesis)?, self.settings)?;
+        thesis.potentials = potentials;
+        let (damping, damping_fit) = fit_damping(&demonstrated(&thesis)?, self.settings)?;
+        thesis.damping = damping;
+        Ok((PolicyModel::Thesis(thesis), vec![potential_fit, damping_fit]))
+    }
+
+    /// The moving samples of a demonstration in the chart of the field with its frames.
+    fn in_chart<const D: usize>(
+        &self,
+        thesis: &ThesisModel,
+        demonstration: &Demonstration,
+        moving: std::ops::Range<usize>,
+    ) -> Result<Demonstrated<D>, DemonstrationError> {
+        let not_a_product = || DemonstrationError {
+            name: demonstration.name.clone(),
+            problem: "the Gaussians of its frames cannot be multiplied".into(),
+        };
+        let products = product_skill::<D>(self.mixture, thesis).map_err(|_| not_a_product())?;
+        let frames = self.skill.frames(demonstration);
+        let frames: Vec<_> = frames.into_iter().map(MovingPose::at_rest).collect();
+        let mut state = ProductState::new();
+        products.update(&frames, &mut state);
+        let field = state.field().ok_or_else(not_a_product)?.clone();
+        let chart = state.goal().orientation.conjugate();
+        let dt = demonstration.sampling_time_s;
+        let smoothed = |samples: Vec<DVec3>| {
+            if self.settings.kaiser_smoothing.is_some() {
+                let velocities = differences(&samples, dt);
+                return (samples, velocities);
+            }
+            let smoothing = &self.skill.smoothing;
+            let path = smooth(&samples, dt, smoothing.window_s, smoothing.degree);
+            (path.points, path.velocities)
+        };
+        let rotation = |pose: &Pose| match D {
+            6 => rotation_vector(chart * pose.orientation),
+            _ => DVec3::ZERO,
+        };
+        let poses = &demonstration.poses;
+        let (position, linear) = smoothed(poses.iter().map(|pose| pose.position).collect());
+        let (rotation, angular) = smoothed(poses.iter().map(rotation).collect());
+        let joined = |linear: DVec3, angular: DVec3| {
+            SVector::<f64, D>::from_fn(|i, _| if i < 3 { linear[i] } else { angular[i - 3] })
+        };
+        let stride = self.settings.stride;
+        let sample = |i: usize| Sample {
             point: joined(position[i], rotation[i]),
-            velocity: joined(linear_velocity[i], angular_velocity[i]),
-            step_s: demonstration.sampling_time_s * settings.stride as f64,
-        })
-        .collect();
-    Ok(Shown { samples, field })
+            velocity: joined(linear[i], angular[i]),
+            step_s: dt * stride as f64,
+        };
+        Ok(Demonstrated { samples: moving.step_by(stride).map(sample).collect(), field })
+    }
 }
 
 /// Velocities as differences to the next sample; the last one is repeated.
@@ -187,12 +233,13 @@ fn differences(samples: &[DVec3], sampling_time_s: f64) -> Vec<DVec3> {
 /// # Panics
 /// When there is no demonstration.
 pub fn fit_potential<const D: usize>(
-    all: &[Shown<D>],
+    all: &[Demonstrated<D>],
+    settings: &ThesisSettings,
 ) -> Result<(Vec<f64>, ProgramFit), NotSolved> {
     // Rows of ζ̂ + M⁻¹∇Φ as affine functions of φ⁰_1 … φ⁰_{K−1}.
     let free = all[0].field.components().len() - 1;
     let mut residuals: Vec<[Affine; D]> = Vec::new();
-    for shown in all {
+    for one in all {
         let speed = |sample: &Sample<D>| sample.velocity.norm();
         let fastest = shown.samples.iter().map(speed).fold(0.0, f64::max);
         for sample in shown.samples.iter().filter(|s| speed(s) > SPEED_FRACTION_MIN * fastest) {
@@ -255,7 +302,7 @@ fn falls(k: usize, free: usize) -> Affine {
 /// # Panics
 /// When there is no demonstration.
 pub fn fit_damping<const D: usize>(
-    all: &[Shown<D>],
+    all: &[Demonstrated<D>],
     settings: &ThesisSettings,
 ) -> Result<(Vec<f64>, ProgramFit), NotSolved> {
     let components = all[0].field.components().len();
@@ -286,7 +333,7 @@ pub fn fit_damping<const D: usize>(
     // x = (d_1 … d_K, one absolute value a row), d in units of an even damping that dissipates the
     // energy, energies in units of the largest.
     let scale = 1.0 / (size * all.len() as f64);
-    let most = |row: &(f64, f64, Vec<f64>)| row.2.iter().sum::<f64>();
+    let most = |row: &EnergyRow| row.dissipated.iter().sum::<f64>();
     let even = size / rows.iter().map(most).fold(f64::MIN_POSITIVE, f64::max);
     let mut nonnegative =
         vec![Affine { constant: -settings.damping_min / even, coefficients: vec![(0, 1.0)] }];
@@ -294,7 +341,7 @@ pub fn fit_damping<const D: usize>(
         (1..components)
             .map(|k| Affine { constant: 0.0, coefficients: vec![(k - 1, -1.0), (k, 1.0)] }),
     );
-    for (j, (_, lost, dissipated)) in rows.iter().enumerate() {
+    for (j, EnergyRow { lost, dissipated, .. }) in rows.iter().enumerate() {
         for sign in [1.0, -1.0] {
             let mut coefficients: Vec<(usize, f64)> =
                 dissipated.iter().map(|x| sign * x * even / size).enumerate().collect();
@@ -303,7 +350,7 @@ pub fn fit_damping<const D: usize>(
         }
     }
     let mut linear = vec![0.0; components];
-    linear.extend(rows.iter().map(|(weight, ..)| weight / all.len() as f64));
+    linear.extend(rows.iter().map(|row| row.weight / all.len() as f64));
     let mut program = ConicProgram::new(DMatrix::zeros(0, 0), linear);
     program.require_nonnegative(nonnegative);
     let solution = program.solve().map_err(|failure| NotSolved::new(Program::Damping, failure))?;
@@ -314,7 +361,7 @@ pub fn fit_damping<const D: usize>(
         *d = d.max(least);
         least = *d;
     }
-    let error = |(weight, lost, dissipated): &(f64, f64, Vec<f64>)| {
+    let error = |EnergyRow { weight, lost, dissipated }: &EnergyRow| {
         let sum: f64 = dissipated.iter().zip(&damping).map(|(x, d)| x * d).sum();
         weight * (lost - sum).abs()
     };
@@ -325,6 +372,44 @@ pub fn fit_damping<const D: usize>(
         active(Constraints::DampingOrder, equal_neighbours(&damping), components - 1),
     ];
     Ok((damping, figures(Program::Damping, &solution, residual, active, rows.len())))
+}
+
+/// weight · |energy lost − Σ d_k dissipated_k|.
+struct EnergyRow {
+    weight: f64,
+    lost: f64,
+    dissipated: Vec<f64>,
+}
+
+fn energy_rows<const D: usize>(
+    all: &[Demonstrated<D>],
+    target: DampingTarget,
+    components: usize,
+) -> Vec<EnergyRow> {
+    let mut rows = Vec::new();
+    for one in all {
+        let energy = |sample: &Sample<D>| {
+            one.field.evaluate(&sample.point, &sample.velocity).energy(&sample.velocity)
+        };
+        let at_start = energy(&one.samples[0]);
+        let mut dissipated = vec![0.0; components];
+        let weight = 1.0 / one.samples.len() as f64;
+        for sample in &one.samples {
+            if target == DampingTarget::EnergyProfile {
+                let lost = at_start - energy(sample);
+                rows.push(EnergyRow { weight, lost, dissipated: dissipated.clone() });
+            }
+            let weights = one.field.weights(&sample.point);
+            let power = sample.velocity.norm_squared() * sample.step_s;
+            for (sum, weight) in dissipated.iter_mut().zip(weights) {
+                *sum += weight * power;
+            }
+        }
+        if target == DampingTarget::TotalEnergy {
+            rows.push(EnergyRow { weight: 1.0, lost: at_start, dissipated });
+        }
+    }
+    rows
 }
 
 fn equal_neighbours(values: &[f64]) -> usize {

@@ -8,11 +8,13 @@ use nalgebra::SVector;
 use tprmp_rmpflow::policy::PHASE_RANGE;
 use tprmp_rmpflow::policy::canonical::field::Field;
 
-/// Phases at which the valley is looked at.
+/// Phases at which the valley is looked at: with the most components that a field holds, a dozen where
+/// one of them passes into the next.
 pub const PHASES: u32 = 2001;
-/// Nearer to the goal than this fraction of the phase its Hessian speaks.
+/// Nearer to the goal than this fraction of the phase its Hessian speaks: there the fall is too small to
+/// be told from rounding.
 const GOAL_FRACTION: f64 = 0.02;
-/// Faults nearer to each other than this fraction of the phase are one.
+/// Faults nearer to each other than this fraction of the phase are one: less than a component's width.
 const SAME: f64 = 0.02;
 
 /// The least fall of the potential along the valley towards the goal, by the phase [J], outside of the
@@ -51,7 +53,7 @@ mod tests {
     use nalgebra::{Matrix3, Vector3};
     use tprmp_rmpflow::policy::canonical::field::Component;
 
-    /// A straight valley that falls by 0.5 (2 − s) to its goal at s = 2, but for a heap on its way.
+    /// A straight valley that falls by 0.5 (2 − s) to its goal at s = 2, but for a heap on its path.
     fn valley(heap: f64) -> Field<3> {
         let component = |s: f64| Component {
             mean: Vector3::new(s, 0.0, s),
@@ -64,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn a_valley_that_rises_on_its_way_is_found_and_one_that_falls_is_none() {
+    fn a_valley_that_rises_is_found_and_one_that_falls_is_none() {
         let (least, faults) = descent(&valley(0.0), 2.0);
         assert!(least > 0.0 && faults.is_empty(), "{least} {faults:?}");
         let (least, faults) = descent(&valley(2.5), 2.0);

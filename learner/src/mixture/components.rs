@@ -97,7 +97,7 @@ pub enum ChoiceError {
 }
 
 /// Chooses the number of Gaussians. The candidates are computed side by side; the result depends
-/// on input and seed only. `progress` is told of each that is done.
+/// on input and seed only. `progress` hears of each that is done.
 ///
 /// # Errors
 /// The demonstrations cannot be learned from, or not with any number of the range.
@@ -119,21 +119,21 @@ pub fn choose(
     let samples = Samples::new(skill, demonstrations, &set);
     let most = samples.components_max();
     let tried: Vec<usize> = range.clone().filter(|components| *components <= most).collect();
-    let (tell, told) = mpsc::channel();
+    let (sender, done) = mpsc::channel();
     let candidates: Vec<Candidate> = std::thread::scope(|scope| {
         let work = scope.spawn(|| {
             // The channel closes with this thread's sender, and so ends the loop below.
             tried
                 .par_iter()
-                .map_with(tell, |tell, components| {
+                .map_with(sender, |sender, components| {
                     let candidate = candidate(skill, &samples, *components, seed);
                     // Progress that nobody hears changes nothing.
-                    let _ = tell.send(*components);
+                    let _ = sender.send(*components);
                     candidate
                 })
                 .collect()
         });
-        for components in told {
+        for components in done {
             progress(&format!("mixture of {components} Gaussians"));
         }
         work.join().expect("expectation maximisation does not panic")

@@ -1,46 +1,15 @@
-//! Expectation maximisation of Gaussians that several views of the same samples fraction.
+//! Expectation maximisation of Gaussians that several views of the same samples share.
 //!
 //! A view is a coordinate system: a frame, or the canonical space. Responsibilities are common to
-//! all views; each view has means and covariances of its own  [thesis eq. 3.4–3.5]. Coordinates are
-//! Euclidean ones, orientations, or both: means on S³ are those of the least sum of squared angles,
-//! covariances stand in the tangent space at the mean, as rotation vectors in its own axes.
+//! all views; each view has means and covariances of its own  [thesis eq. 3.4–3.5].
 
 use std::ops::Range;
 
-use glam::{DQuat, DVec3};
-use nalgebra::{DMatrix, DVector};
-use tprmp_spatial::rotation::rotation_vector;
+use nalgebra::DMatrix;
 
-use crate::canonical::means::mean_orientation;
+use crate::mixture::left_right;
+use crate::mixture::view::{Gaussian, View, WEIGHT_FLOOR};
 use crate::skill::Ordering;
-
-/// Most coordinates of a view: time, position, rotation.
-const DIMENSION_MAX: usize = 7;
-/// A component without samples must not divide by zero.
-const WEIGHT_FLOOR: f64 = 1e-9;
-
-/// The samples in one coordinate system.
-#[derive(Clone, Debug)]
-pub struct View {
-    /// Euclidean coordinates, one column a sample.
-    pub euclidean: DMatrix<f64>,
-    /// Orientations, one a sample, for views that have them.
-    pub orientations: Option<Vec<DQuat>>,
-    /// Factor on rotation vectors, which makes them comparable with the other coordinates [1/rad].
-    pub rotation_scale: f64,
-}
-
-/// A Gaussian of a view.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Gaussian {
-    /// Mean of the Euclidean coordinates.
-    pub mean: DVector<f64>,
-    /// Mean orientation.
-    pub orientation: Option<DQuat>,
-    /// Covariance of (Euclidean coordinates, scaled rotation vector in axes of the mean), without
-    /// the regularisation.
-    pub covariance: DMatrix<f64>,
-}
 
 /// What is known of the order of the samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,97 +62,6 @@ pub struct Maximised {
     pub log_likelihoods: Vec<f64>,
 }
 
-impl View {
-    /// Samples.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.euclidean.ncols()
-    }
-
-    /// Whether there is no sample.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// Dimension of the tangent space.
-    #[must_use]
-    pub fn dimension(&self) -> usize {
-        self.euclidean.nrows() + if self.orientations.is_some() { 3 } else { 0 }
-    }
-
-    /// Sample i as seen from a mean: Euclidean difference ⊕ s log(μ⁻¹ q).
-    fn offset(&self, i: usize, gaussian: &Gaussian, offset: &mut [f64; DIMENSION_MAX]) {
-        let n = self.euclidean.nrows();
-        let column = self.euclidean.column(i);
-        for ((entry, x), mean) in offset.iter_mut().zip(column.iter()).zip(gaussian.mean.iter()) {
-            *entry = x - mean;
-        }
-        if let (Some(all), Some(mean)) = (&self.orientations, gaussian.orientation) {
-            let rotation = rotation_vector(mean.conjugate() * all[i]) * self.rotation_scale;
-            offset[n..n + 3].copy_from_slice(&rotation.to_array());
-        }
-    }
-
-    /// Mean and covariance of weighted samples  [thesis eq. 3.5].
-    #[must_use]
-    pub fn gaussian(&self, weights: &[f64]) -> Gaussian {
-        let sum = weights.iter().sum::<f64>() + WEIGHT_FLOOR;
-        let mut mean = DVector::zeros(self.euclidean.nrows());
-        for (sample, weight) in self.euclidean.column_iter().zip(weights) {
-            mean.axpy(weight / sum, &sample, 1.0);
-        }
-        let orientation = self.orientations.as_ref().map(|all| mean_orientation(all, weights));
-        let n = self.dimension();
-        let mut gaussian = Gaussian { mean, orientation, covariance: DMatrix::zeros(n, n) };
-        let mut offset = [0.0; DIMENSION_MAX];
-        let mut covariance = DMatrix::zeros(n, n);
-        for (i, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
-            self.offset(i, &gaussian, &mut offset);
-            for a in 0..n {
-                let scaled = weight / sum * offset[a];
-                for b in 0..=a {
-                    covariance[(a, b)] += scaled * offset[b];
-                }
-            }
-        }
-        covariance.fill_upper_triangle_with_lower_triangle();
-        gaussian.covariance = covariance;
-        gaussian
-    }
-
-    /// Adds ln N of every sample (row) under every Gaussian (column).
-    fn add_log_densities(
-        &self,
-        gaussians: &[Gaussian],
-        regularisation: f64,
-        sum: &mut DMatrix<f64>,
-    ) {
-        let n = self.dimension();
-        let mut offset = [0.0; DIMENSION_MAX];
-        for (k, gaussian) in gaussians.iter().enumerate() {
-            let regular = &gaussian.covariance + DMatrix::identity(n, n) * regularisation;
-            let factor =
-                regular.cholesky().expect("a regularised covariance is positive definite").unpack();
-            let root: f64 = factor.diagonal().iter().map(|x| x.ln()).sum();
-            let constant = -root - 0.5 * n as f64 * std::f64::consts::TAU.ln();
-            for i in 0..self.len() {
-                self.offset(i, gaussian, &mut offset);
-                let mut square = 0.0;
-                for a in 0..n {
-                    let mut rest = offset[a];
-                    for b in 0..a {
-                        rest -= factor[(a, b)] * offset[b];
-                    }
-                    offset[a] = rest / factor[(a, a)];
-                    square += offset[a] * offset[a];
-                }
-                sum[(i, k)] += constant - 0.5 * square;
-            }
-        }
-    }
-}
-
 /// The iterations end when the mean log-likelihood of a sample changes by less [nat].
 const CONVERGED: f64 = 5e-8;
 
@@ -196,17 +74,17 @@ const CONVERGED: f64 = 5e-8;
 #[must_use]
 pub fn maximise(data: &Data, settings: &Settings) -> Maximised {
     let mut responsibilities = data.responsibilities.clone();
-    let mut stays = stays(&responsibilities, data.sequences.len());
+    let mut stays = left_right::stays(&responsibilities, data.sequences.len());
     let mut log_likelihoods = Vec::with_capacity(settings.iterations as usize);
     for _ in 0..settings.iterations {
         let mut densities = DMatrix::zeros(responsibilities.nrows(), responsibilities.ncols());
         for view in &data.views {
-            let gaussians = gaussians(view, &responsibilities);
+            let gaussians = view.gaussians(&responsibilities);
             view.add_log_densities(&gaussians, settings.regularisation, &mut densities);
         }
         let total = match settings.topology {
             Topology::Mixture => mixture_expectation(densities, &mut responsibilities),
-            Topology::LeftRight => left_right_expectation(
+            Topology::LeftRight => left_right::expectation(
                 &densities,
                 &data.sequences,
                 &mut stays,
@@ -228,14 +106,8 @@ pub fn maximise(data: &Data, settings: &Settings) -> Maximised {
     let priors = weight_sums(&responsibilities)
         .map(|sum| (sum + WEIGHT_FLOOR) / responsibilities.nrows() as f64)
         .collect();
-    let gaussians = data.views.iter().map(|view| gaussians(view, &responsibilities)).collect();
+    let gaussians = data.views.iter().map(|view| view.gaussians(&responsibilities)).collect();
     Maximised { responsibilities, priors, times, gaussians, log_likelihoods }
-}
-
-/// The Gaussians of a view for given responsibilities, its own or those learned in other views.
-#[must_use]
-pub fn gaussians(view: &View, responsibilities: &DMatrix<f64>) -> Vec<Gaussian> {
-    responsibilities.column_iter().map(|weights| view.gaussian(weights.as_slice())).collect()
 }
 
 /// Responsibilities with their components in order of mean time.
@@ -279,99 +151,11 @@ fn mixture_expectation(mut terms: DMatrix<f64>, responsibilities: &mut DMatrix<f
     total
 }
 
-/// Probability of staying in each state, from how long the states last.
-fn stays(responsibilities: &DMatrix<f64>, sequences: usize) -> Vec<f64> {
-    let stay = |sum: f64| 1.0 - (sequences as f64 / sum.max(WEIGHT_FLOOR)).min(0.5);
-    weight_sums(responsibilities).map(stay).collect()
-}
-
-/// Forward–backward in logarithms, and the re-estimated probabilities of staying
-/// [Rabiner 1989, eq. 19–27, 37–40]. A demonstration starts in the first state. Returns the
-/// log-likelihood of all samples.
-fn left_right_expectation(
-    densities: &DMatrix<f64>,
-    sequences: &[Range<usize>],
-    stays: &mut [f64],
-    responsibilities: &mut DMatrix<f64>,
-) -> f64 {
-    let states = stays.len();
-    // The last state is never left.
-    let stay: Vec<f64> =
-        (0..states).map(|k| if k + 1 == states { 0.0 } else { stays[k].ln() }).collect();
-    let go: Vec<f64> = stays.iter().map(|stay| (1.0 - stay).ln()).collect();
-    let (mut stayed, mut went) = (vec![0.0; states], vec![0.0; states]);
-    let mut total = 0.0;
-    for range in sequences {
-        let count = range.len();
-        let density = |t: usize, k: usize| densities[(range.start + t, k)];
-        let mut forward = DMatrix::from_element(count, states, f64::NEG_INFINITY);
-        forward[(0, 0)] = density(0, 0);
-        for t in 1..count {
-            for k in 0..states {
-                let from_before =
-                    if k > 0 { forward[(t - 1, k - 1)] + go[k - 1] } else { f64::NEG_INFINITY };
-                forward[(t, k)] =
-                    log_add(forward[(t - 1, k)] + stay[k], from_before) + density(t, k);
-            }
-        }
-        let mut backward = DMatrix::zeros(count, states);
-        for t in (0..count - 1).rev() {
-            for k in 0..states {
-                let remain = stay[k] + density(t + 1, k) + backward[(t + 1, k)];
-                backward[(t, k)] = if k + 1 < states {
-                    let leave = go[k] + density(t + 1, k + 1) + backward[(t + 1, k + 1)];
-                    log_add(remain, leave)
-                } else {
-                    remain
-                };
-            }
-        }
-        let likelihood = forward.row(count - 1).iter().copied().fold(f64::NEG_INFINITY, log_add);
-        total += likelihood;
-        for t in 0..count {
-            for k in 0..states {
-                let here = forward[(t, k)] - likelihood;
-                responsibilities[(range.start + t, k)] = (here + backward[(t, k)]).exp();
-                if t + 1 < count && k + 1 < states {
-                    let remain = here + stay[k] + density(t + 1, k) + backward[(t + 1, k)];
-                    stayed[k] += remain.exp();
-                    let leave = here + go[k] + density(t + 1, k + 1) + backward[(t + 1, k + 1)];
-                    went[k] += leave.exp();
-                }
-            }
-        }
-    }
-    for ((stay, stayed), went) in stays.iter_mut().zip(stayed).zip(went) {
-        if stayed + went > WEIGHT_FLOOR {
-            *stay = stayed / (stayed + went);
-        }
-    }
-    total
-}
-
-/// ln(eᵃ + eᵇ).
-fn log_add(a: f64, b: f64) -> f64 {
-    let (low, high) = if a < b { (a, b) } else { (b, a) };
-    if low == f64::NEG_INFINITY { high } else { high + (low - high).exp().ln_1p() }
-}
-
-/// A view of orientations and positions, e.g. of poses seen from a frame.
-#[must_use]
-pub fn pose_view(
-    positions: &[DVec3],
-    dimension: usize,
-    position_scale: f64,
-    orientations: Option<(Vec<DQuat>, f64)>,
-) -> View {
-    let euclidean =
-        DMatrix::from_fn(dimension, positions.len(), |a, i| positions[i][a] * position_scale);
-    let (orientations, rotation_scale) = orientations.unzip();
-    View { euclidean, orientations, rotation_scale: rotation_scale.unwrap_or(1.0) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::{DQuat, DVec3};
+    use nalgebra::DVector;
     use proptest::prelude::*;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
@@ -404,9 +188,9 @@ mod tests {
         DVec3::from_array(std::array::from_fn(|_| random.random_range(-radius..radius)))
     }
 
-    /// A bow that is shown three times, with noise, and seen from `views` places; orientations turn
-    /// by up to 2 rad. It starts from pieces of equal time.
-    fn shown(coordinates: Coordinates, views: usize, seed: u64) -> Data {
+    /// A bow that is demonstrated three times, with noise, and seen from `views` places; orientations
+    /// rotate by up to 2 rad. It starts from pieces of equal time.
+    fn demonstrated(coordinates: Coordinates, views: usize, seed: u64) -> Data {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let (mut positions, mut orientations, mut times) = (Vec::new(), Vec::new(), Vec::new());
         let mut sequences = Vec::new();
@@ -416,20 +200,20 @@ mod tests {
                 let t = i as f64 / (length - 1) as f64;
                 let bow = DVec3::new(t, 0.4 * (3.0 * t).sin(), 0.3 * t * t);
                 positions.push(bow + ball(&mut random, 0.1));
-                let turn = DVec3::new(1.2, -0.7, 1.5) * t + ball(&mut random, 0.2);
-                orientations.push(DQuat::from_scaled_axis(turn));
+                let rotation = DVec3::new(1.2, -0.7, 1.5) * t + ball(&mut random, 0.2);
+                orientations.push(DQuat::from_scaled_axis(rotation));
                 times.push(t);
             }
         }
         let view = |_| {
-            let (turn, origin) = (ball(&mut random, 2.0), ball(&mut random, 1.0));
-            let turn = DQuat::from_scaled_axis(turn);
-            let seen: Vec<_> = positions.iter().map(|x| turn * *x + origin).collect();
-            let turned = || orientations.iter().map(|q| turn * *q).collect();
+            let (rotation, origin) = (ball(&mut random, 2.0), ball(&mut random, 1.0));
+            let rotation = DQuat::from_scaled_axis(rotation);
+            let seen: Vec<_> = positions.iter().map(|x| rotation * *x + origin).collect();
+            let rotated = || orientations.iter().map(|q| rotation * *q).collect();
             match coordinates {
-                Coordinates::Euclidean => pose_view(&seen, 3, 1.3, None),
-                Coordinates::Orientations => pose_view(&seen, 0, 1.0, Some((turned(), 0.8))),
-                Coordinates::Both => pose_view(&seen, 3, 1.3, Some((turned(), 0.8))),
+                Coordinates::Euclidean => View::poses(&seen, 3, 1.3, None),
+                Coordinates::Orientations => View::poses(&seen, 0, 1.0, Some((rotated(), 0.8))),
+                Coordinates::Both => View::poses(&seen, 3, 1.3, Some((rotated(), 0.8))),
             }
         };
         let views = (0..views).map(view).collect();
@@ -454,7 +238,7 @@ mod tests {
         matrix
     }
 
-    /// Every way through `states` states in `length` samples: it starts in the first, and stays or
+    /// Every path through `states` states in `length` samples: it starts in the first, and stays or
     /// goes to the next.
     fn monotone_paths(states: usize, length: usize) -> Vec<Vec<usize>> {
         let mut paths = vec![vec![0]];
@@ -524,7 +308,7 @@ mod tests {
             coordinates in coordinates(), topology in topology(), views in 1..4_usize,
             seed in any::<u64>(),
         ) {
-            let found = maximise(&shown(coordinates, views, seed), &settings(topology, 6, 1e-3));
+            let found = maximise(&demonstrated(coordinates, views, seed), &settings(topology, 6, 1e-3));
             for row in found.responsibilities.row_iter() {
                 prop_assert!((row.sum() - 1.0).abs() < 1e-10);
                 prop_assert!(row.iter().all(|fraction| (0.0..=1.0 + 1e-12).contains(fraction)));
@@ -534,7 +318,7 @@ mod tests {
 
         #[test]
         fn the_iterations_end_when_nothing_changes(topology in topology(), seed in any::<u64>()) {
-            let data = shown(Coordinates::Euclidean, 1, seed);
+            let data = demonstrated(Coordinates::Euclidean, 1, seed);
             let found = maximise(&data, &settings(topology, 1000, 1e-3)).log_likelihoods;
             let change = |pair: &[f64]| (pair[1] - pair[0]).abs();
             prop_assert!(found.len() < 1000);
@@ -546,7 +330,7 @@ mod tests {
         fn the_likelihood_never_falls_without_regularisation(
             topology in topology(), views in 1..3_usize, seed in any::<u64>(),
         ) {
-            let data = shown(Coordinates::Euclidean, views, seed);
+            let data = demonstrated(Coordinates::Euclidean, views, seed);
             let found = maximise(&data, &settings(topology, 12, 0.0));
             for pair in found.log_likelihoods.windows(2) {
                 prop_assert!(pair[1] > pair[0] - 1e-9, "{:?}", found.log_likelihoods);
@@ -561,7 +345,7 @@ mod tests {
         ) {
             let coordinates =
                 if only { Coordinates::Orientations } else { Coordinates::Both };
-            let found = maximise(&shown(coordinates, 2, seed), &settings(topology, 12, 0.0));
+            let found = maximise(&demonstrated(coordinates, 2, seed), &settings(topology, 12, 0.0));
             prop_assert!(found.log_likelihoods.last() > found.log_likelihoods.first());
             for pair in found.log_likelihoods.windows(2) {
                 prop_assert!(pair[1] > pair[0] - 1e-5, "{:?}", found.log_likelihoods);
@@ -572,7 +356,7 @@ mod tests {
         fn components_are_in_order_of_time(
             coordinates in coordinates(), topology in topology(), seed in any::<u64>(),
         ) {
-            let mut data = shown(coordinates, 1, seed);
+            let mut data = demonstrated(coordinates, 1, seed);
             if topology == Topology::Mixture {
                 // A mixture may start in any order.
                 data.responsibilities.swap_columns(0, 2);
@@ -580,13 +364,13 @@ mod tests {
             let found = maximise(&data, &settings(topology, 6, 1e-3));
             prop_assert!(found.times.is_sorted(), "{:?}", found.times);
             prop_assert_eq!(&found.times, &mean_times(&found.responsibilities, &data.times));
-            let again = gaussians(&data.views[0], &found.responsibilities);
+            let again = data.views[0].gaussians(&found.responsibilities);
             prop_assert_eq!(&found.gaussians[0], &again);
         }
 
         #[test]
         fn components_stay_as_initialised_when_asked_to(seed in any::<u64>()) {
-            let mut data = shown(Coordinates::Euclidean, 1, seed);
+            let mut data = demonstrated(Coordinates::Euclidean, 1, seed);
             data.responsibilities.swap_columns(0, 2);
             let ordered = settings(Topology::Mixture, 6, 1e-3);
             let by_time = maximise(&data, &ordered);
@@ -603,7 +387,7 @@ mod tests {
         ) {
             let coordinates =
                 if only { Coordinates::Orientations } else { Coordinates::Both };
-            let mut data = shown(coordinates, 2, seed);
+            let mut data = demonstrated(coordinates, 2, seed);
             let settings = settings(topology, 4, 1e-3);
             let before = maximise(&data, &settings);
             for view in &mut data.views {
@@ -624,7 +408,7 @@ mod tests {
         #[test]
         fn a_step_of_a_mixture_is_that_of_the_textbook(views in 1..3_usize, seed in any::<u64>()) {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
-            let mut data = shown(Coordinates::Euclidean, views, seed);
+            let mut data = demonstrated(Coordinates::Euclidean, views, seed);
             data.responsibilities = random_rows(&mut random, data.times.len(), COMPONENTS);
             let maximised = |gamma: &DMatrix<f64>| -> Vec<_> {
                 (0..COMPONENTS).map(|k| textbook_maximisation(&data, gamma, k)).collect()
@@ -653,7 +437,7 @@ mod tests {
             let before: Vec<f64> = (0..states).map(|_| random.random_range(0.1..0.9)).collect();
             let mut stays = before.clone();
             let mut found = DMatrix::zeros(10, states);
-            let log = left_right_expectation(&densities, &sequences, &mut stays, &mut found);
+            let log = left_right::expectation(&densities, &sequences, &mut stays, &mut found);
 
             let (mut expected, mut expected_log) = (DMatrix::zeros(10, states), 0.0);
             let (mut stayed, mut went) = ([0.0; 2], [0.0; 2]);
@@ -694,7 +478,7 @@ mod tests {
         fn a_state_is_entered_from_its_predecessor_alone(
             coordinates in coordinates(), seed in any::<u64>(),
         ) {
-            let data = shown(coordinates, 1, seed);
+            let data = demonstrated(coordinates, 1, seed);
             let found = maximise(&data, &settings(Topology::LeftRight, 6, 1e-3));
             for sequence in &data.sequences {
                 // P(state ≥ k at sample t).

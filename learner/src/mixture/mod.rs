@@ -3,6 +3,9 @@
 pub mod components;
 pub mod expectation_maximisation;
 pub mod k_means;
+mod left_right;
 pub mod tp_gmm;
+mod view;
 
 pub use tp_gmm::MixtureError;
+pub use view::{Gaussian, View};

@@ -8,23 +8,23 @@ use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model;
 use tprmp_spatial::Pose;
 
-use crate::canonical::CanonicalSet;
+use crate::canonical::{CanonicalDemonstration, CanonicalSet};
 use crate::demonstration::Demonstration;
 use crate::mixture::expectation_maximisation::{
-    Data, Gaussian, Maximised, Settings, Topology, View, gaussians, in_order, maximise, mean_times,
-    pose_view,
+    Data, Maximised, Settings, Topology, in_order, maximise, mean_times,
 };
 use crate::mixture::k_means;
+use crate::mixture::view::{Gaussian, View};
 use crate::skill::{Initialisation, MixtureModel, Skill};
 
-/// Fewest samples a component must hold on average.
+/// Fewest samples a component must hold on average: fewer are a plane at best, and no covariance.
 const SAMPLES_PER_COMPONENT_MIN: usize = 3;
 /// A component with a smaller prior holds no samples.
 const PRIOR_MIN: f64 = 1e-6;
-/// Frames lie the same way to each other when they do so to this distance [m] …
+/// Frames are fixed to each other when they are so to this distance [m] …
 const SAME_PLACE_M: f64 = 1e-6;
 /// … and this angle [rad].
-const SAME_TURN_RAD: f64 = 1e-6;
+const SAME_ROTATION_RAD: f64 = 1e-6;
 
 /// All samples of a skill, in every coordinate system in which they are looked at.
 #[derive(Clone, Debug)]
@@ -114,7 +114,7 @@ impl Samples {
         }
         let columns: Vec<DVector<f64>> = joint.iter().flatten().cloned().collect();
         let euclidean = DMatrix::from_columns(&columns);
-        let canonical = View { euclidean, orientations: None, rotation_scale: 1.0 };
+        let canonical = View::euclidean(euclidean);
         let mean_length = whole / joint.len() as f64;
         Self { canonical, frames: Vec::new(), sequences, times, lengths, phases, mean_length }
     }
@@ -144,7 +144,7 @@ impl Samples {
         let mut euclidean = DMatrix::zeros(n + 1, self.len());
         euclidean.rows_mut(0, 1).copy_from(&times);
         euclidean.rows_mut(1, n).copy_from(&self.canonical.euclidean);
-        View { euclidean, orientations: None, rotation_scale: 1.0 }
+        View::euclidean(euclidean)
     }
 
     /// Canonical coordinates before the phase, which is stretched to the length of the path.
@@ -154,7 +154,7 @@ impl Samples {
         for (entry, phase) in euclidean.row_mut(n).iter_mut().zip(&self.phases) {
             *entry = phase * self.mean_length;
         }
-        View { euclidean, orientations: None, rotation_scale: 1.0 }
+        View::euclidean(euclidean)
     }
 
     /// Responsibilities to start from.
@@ -164,9 +164,9 @@ impl Samples {
         initialisation: Initialisation,
         seed: u64,
     ) -> DMatrix<f64> {
-        let pieces = |shares: &[f64]| {
+        let pieces = |fractions: &[f64]| {
             DMatrix::from_fn(self.len(), components, |i, k| {
-                let piece = (shares[i] * components as f64) as usize;
+                let piece = (fractions[i] * components as f64) as usize;
                 if piece.min(components - 1) == k { 1.0 } else { 0.0 }
             })
         };
@@ -232,7 +232,7 @@ impl Samples {
             return Err(too_many(format!("component {} holds no samples", k + 1)));
         }
         let scaled = |view: &View| -> Vec<Gaussian> {
-            let mut all = gaussians(view, &responsibilities);
+            let mut all = view.gaussians(&responsibilities);
             all.iter_mut().for_each(|g| g.covariance *= settings.covariance_scale);
             all
         };
@@ -258,7 +258,7 @@ fn joint_paths(skill: &Skill, set: &CanonicalSet) -> Vec<Vec<DVector<f64>>> {
         let all = position[..n].iter().chain(&rotation).copied();
         DVector::from_iterator(dimension, all.take(dimension))
     };
-    let path = |d: &crate::canonical::CanonicalDemonstration| -> Vec<DVector<f64>> {
+    let path = |d: &CanonicalDemonstration| -> Vec<DVector<f64>> {
         d.position.points.iter().zip(&d.rotation.points).map(joined).collect()
     };
     set.demonstrations.iter().map(path).collect()
@@ -282,8 +282,7 @@ fn frame_view(
     let (mut positions, mut orientations): (Vec<DVec3>, Vec<DQuat>) = (Vec::new(), Vec::new());
     for (demonstration, canonical) in demonstrations.iter().zip(&set.demonstrations) {
         let from_frame = skill.frames(demonstration)[p].inverse();
-        let moving = canonical.rest..canonical.rest + canonical.position.points.len();
-        for pose in &demonstration.poses[moving] {
+        for pose in &demonstration.poses[canonical.moving()] {
             let seen = from_frame.compose(pose);
             positions.push(seen.position);
             orientations.push(seen.orientation);
@@ -291,7 +290,7 @@ fn frame_view(
     }
     let orientations = skill.manifold.has_orientation().then_some((orientations, set.scales[1]));
     let view =
-        pose_view(&positions, skill.manifold.position_dimension(), set.scales[0], orientations);
+        View::poses(&positions, skill.manifold.position_dimension(), set.scales[0], orientations);
     let name = skill.named_frames(&demonstrations[0]).nth(p).expect("p is one of the frames").0;
     (name.into(), view)
 }
@@ -337,7 +336,7 @@ impl TpGmm {
     }
 }
 
-/// What the user should know about the frames: those that lie the same way to each other in all
+/// What the user should know about the frames: those that are fixed to each other in all
 /// demonstrations cannot be told apart by them. Their covariances are equal, so that a product of
 /// Gaussians (eq. 3.6) moves by the mean of their displacements.
 #[must_use]
@@ -345,7 +344,7 @@ pub fn uninformative_frames(skill: &Skill, demonstrations: &[Demonstration]) -> 
     let all: Vec<Vec<Pose>> = demonstrations.iter().map(|d| skill.frames(d)).collect();
     let names: Vec<&str> = skill.named_frames(&demonstrations[0]).map(|(name, _)| name).collect();
     let relative = |frames: &[Pose], p: usize, q: usize| frames[p].inverse().compose(&frames[q]);
-    // Frames fixed to one another form groups; each is told once, with its first member.
+    // Frames fixed to one another form groups; each is reported once, with its first member.
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for q in 0..names.len() {
         let fixed_to = |p: usize| {
@@ -353,7 +352,7 @@ pub fn uninformative_frames(skill: &Skill, demonstrations: &[Demonstration]) -> 
             all.iter().all(|frames| {
                 let other = relative(frames, p, q);
                 (other.position - first.position).length() < SAME_PLACE_M
-                    && other.rotation_from(&first).length() < SAME_TURN_RAD
+                    && other.rotation_from(&first).length() < SAME_ROTATION_RAD
             })
         };
         match groups.iter_mut().find(|group| fixed_to(group[0])) {
@@ -373,8 +372,8 @@ pub fn uninformative_frames(skill: &Skill, demonstrations: &[Demonstration]) -> 
                 "the frames {} lie the same way to each other {how_many}: their covariances carry \
                  no information about which of them a motion belongs to. A product of Gaussians \
                  (the thesis' policy) moves by 1/{} of the displacement of one of them; the \
-                 canonical policy starts at `{}` and ends at `{}` by definition. Show the skill \
-                 with frames that differ",
+                 canonical policy starts at `{}` and ends at `{}` by definition. Demonstrate the \
+                 skill with frames that differ",
                 quoted.join(" and "),
                 group.len(),
                 skill.start_frame,

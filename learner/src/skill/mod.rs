@@ -1,5 +1,8 @@
-//! Skill files: what to learn, and the numbers that were chosen for it.
+//! Skill files: what to learn, and every number that was chosen for it.
 
+mod read;
 mod settings;
+mod validate;
 
+pub use read::SCHEMA;
 pub use settings::*;

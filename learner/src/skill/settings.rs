@@ -1,24 +1,15 @@
-//! Skill files: what to learn, and every number the learning depends on.
+//! What stands in a skill file: what to learn, and every number that was chosen for it. There are no
+//! defaults: what is missing is an error.
+//!
+//! Numbers that follow from others, tolerances, bounds of iterations and what is only warned of stand in
+//! the code, each beside its reason.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
-use tprmp_model::renamed_keys;
-use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
-use tprmp_rmpflow::policy::canonical::field::COMPONENT_CAPACITY;
-use tprmp_spatial::Pose;
+use tprmp_model::skill_model::Manifold;
 
-use crate::demonstration::{DURATION_MAX_S, Demonstration};
-use crate::file_error::{FileError, read_text};
-
-/// Schema version this module reads.
-pub const SCHEMA: &str = "tprmp-skill/3";
-/// Largest shape of a running mean's window.
-const SHAPE_MAX: f64 = 100.0;
-/// Most steps of a rollout of the certificate.
-const ROLLOUT_STEPS_MAX: f64 = 1e6;
-
-/// A skill to be learned. There are no defaults: what is missing is an error.
+/// A skill to be learned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Skill {
@@ -44,9 +35,11 @@ pub struct Skill {
     pub scale: Scale,
     /// Gaussian mixture.
     pub mixture: Mixture,
+    /// How the frames act on the space.
+    pub frame_map: FrameMapSettings,
     /// The policy that is fitted, by name, and its settings.
     pub fit: FitSettings,
-    /// What the fitted policy is examined for.
+    /// What the fitted policy is certified for.
     pub certification: Certification,
 }
 
@@ -94,6 +87,29 @@ pub struct Scale {
     pub position_span_min_m: f64,
     /// A smaller span of the orientations is taken as this [rad].
     pub orientation_span_min_rad: f64,
+}
+
+/// How the map of the frames is chosen (see [`canonical`](crate::canonical)).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FrameMapSettings {
+    /// Phases at which demonstrations are compared.
+    pub phases_compared: usize,
+    /// Positions rotate with the frames unless the demonstrations predict each other better when they do
+    /// not: then the error is this fraction of it or less.
+    pub upright_error_fraction_max: f64,
+    /// The change from the start to the goal frame takes the whole path unless the demonstrations lie
+    /// this fraction as far apart, or less, when it begins later or ends earlier …
+    pub change_spread_fraction_max: f64,
+    /// … at one of so many phases of the first and of the second half …
+    pub changes_compared: usize,
+    /// … over no less than this part of the phase.
+    pub change_phase_min: f64,
+    /// A further frame acts where the demonstrations seen from it lie this fraction or less as far apart
+    /// as seen from start and goal frame …
+    pub agreement_fraction_max: f64,
+    /// … counting differences below this fraction of the demonstrations' span as none.
+    pub agreement_floor_fraction: f64,
 }
 
 /// Expectation maximisation.
@@ -155,6 +171,9 @@ pub enum Initialisation {
 pub struct FieldSettings {
     /// Damping d in B = d M [1/s].
     pub damping_1_s: f64,
+    /// A demonstration that begins in motion is followed from rest, and caught up with at this multiple
+    /// of the damping.
+    pub catch_up_ratio: f64,
     /// σ₀: M_k = γ (C_k + σ₀² I)⁻¹ [ŷ].
     pub activation_width: f64,
     /// Width over which components pass into each other, as a fraction of the phase between two of them.
@@ -165,6 +184,8 @@ pub struct FieldSettings {
     pub metric_scale: f64,
     /// Offsets of the tube points from the demonstrations [ŷ].
     pub tube_offsets: Vec<f64>,
+    /// A tube point is dropped when another part of the path is nearer than this fraction of its offset.
+    pub tube_clearance_fraction: f64,
     /// Every how many samples there are tube points.
     pub tube_stride: usize,
     /// Weight of all tube points together.
@@ -173,27 +194,38 @@ pub struct FieldSettings {
     pub tube_attraction_1_s: f64,
     /// Slower samples show no direction [ŷ/s].
     pub tube_speed_min: f64,
-    /// ρ: weight of the demanded descent.
+    /// ρ: weight of the descent constraint.
     pub descent_weight: f64,
-    /// ε: speed of descent demanded along the demonstrations [ŷ/s].
+    /// ε: least speed of descent along the demonstrations [ŷ/s].
     pub descent_speed: f64,
-    /// Distance to the goal below which the demanded speed falls [ŷ].
+    /// Distance to the goal below which this speed falls to zero [ŷ].
     pub descent_slowdown: f64,
-    /// Distance over which the demanded direction bends towards the demonstration [ŷ].
+    /// Distance over which the direction of descent turns towards the demonstration [ŷ].
     pub descent_attraction: f64,
-    /// Distance within which the demanded direction is the goal's [ŷ].
+    /// Distance within which the direction of descent is the goal's [ŷ].
     pub descent_goal_radius: f64,
-    /// Every how many samples descent is demanded.
+    /// Every how many samples descent is a constraint.
     pub descent_stride: usize,
-    /// Seeded random points at which descent is demanded besides.
+    /// Seeded random points at which descent is a constraint besides.
     pub descent_points_random: usize,
-    /// How often the fit may be solved again with louder demands where its valley does not fall.
-    pub refinement_rounds_max: usize,
+    /// Random points nearer to the goal are left to its Hessian [ŷ].
+    pub descent_goal_distance_min: f64,
     /// How far in each coordinate they lie from the demonstrations [ŷ].
     pub descent_radius: f64,
     /// How far in the phase, times its length [ŷ].
     pub descent_phase_radius: f64,
-    /// Least stiffness of each component across the way, relative to its metric [1/s²].
+    /// How often the fit may be solved again with more weight where its valley does not fall.
+    pub refinement_rounds_max: usize,
+    /// Weight of a refined constraint against that of a checked point.
+    pub refinement_weight: f64,
+    /// Random points around a fault of the valley that are refined with it …
+    pub refinement_points: usize,
+    /// … within half the side of this box [ŷ].
+    pub refinement_radius: f64,
+    /// Fewest samples of a demonstration that a stride leaves, so that sparsely sampled demonstrations
+    /// count as well.
+    pub stride_samples_min: usize,
+    /// Least stiffness of each component across the path, relative to its metric [1/s²].
     pub stiffness_min_1_s2: f64,
     /// Least Hessian at the goal, relative to the metric [1/s²].
     pub goal_hessian_min_1_s2: f64,
@@ -201,6 +233,24 @@ pub struct FieldSettings {
     pub regularisation: f64,
     /// Length at which the parameters are compared by C [ŷ].
     pub regularisation_length: f64,
+    /// How the path adapts to its goal.
+    pub adaptation: AdaptationSettings,
+}
+
+/// The regression of the path on the goal's shift (see [`adaptation`](crate::canonical::adaptation)).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AdaptationSettings {
+    /// λ that are tried, from strong to weak.
+    pub ridges: Vec<f64>,
+    /// A regression is taken when its leave-one-out prediction error is this fraction of the mean's, or
+    /// less.
+    pub error_fraction_max: f64,
+    /// Smaller shifts were not demonstrated [ŷ, or rad].
+    pub shift_min: f64,
+    /// Paths are compared when at both ends they lie apart by no more than this fraction of their mean
+    /// distance: the splines begin and end at zero.
+    pub end_spread_fraction_max: f64,
 }
 
 /// The thesis' policy.
@@ -216,6 +266,8 @@ pub struct ThesisSettings {
     pub damping_min: f64,
     /// What the dissipated energy is compared with.
     pub damping_target: DampingTarget,
+    /// Slower samples show no direction: fraction of the demonstration's largest speed.
+    pub speed_fraction_min: f64,
     /// Every how many samples of a demonstration enter the fits.
     pub stride: usize,
     /// How the demonstrations are smoothed before anything else: the model, its rollouts and its
@@ -225,7 +277,7 @@ pub struct ThesisSettings {
     pub kaiser_smoothing: Option<KaiserSmoothing>,
 }
 
-/// A running mean with a Kaiser window.
+/// Smoothing by the mean over a Kaiser window.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KaiserSmoothing {
@@ -245,12 +297,14 @@ pub enum DampingTarget {
     EnergyProfile,
 }
 
-/// What a fitted policy is examined for; what it fails stands in its model.
+/// What a fitted policy is certified for; what it fails stands in its model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Certification {
     /// Longest rollout [s].
     pub horizon_s: f64,
+    /// Step of the rollouts from the demonstrated starts, that of a fast controller [s].
+    pub demonstration_step_s: f64,
     /// Step of the rollouts from random starts, that of a slow controller [s].
     pub step_s: f64,
     /// Random starts with the frames of the demonstrations.
@@ -261,259 +315,16 @@ pub struct Certification {
     pub random_start_radius: f64,
     /// How far frames are displaced, as a fraction of the distance between start frame and goal.
     pub frame_translation_fraction: f64,
-    /// How far frames are turned [rad].
+    /// How far frames are rotated [rad].
     pub frame_rotation_rad: f64,
+    /// A rollout stops once it is nearer to the goal than this fraction of the tolerance.
+    pub arrival_fraction: f64,
+    /// The goal is at rest below this |M⁻¹∇Φ| [m/s² or rad/s²].
+    pub goal_gradient_max: f64,
     /// Largest rise of the energy in a step, relative to that at the start.
     pub energy_rise_max: f64,
     /// A rollout reached the goal when it ends this near [m].
     pub goal_tolerance_m: f64,
     /// … and this near [rad].
     pub goal_tolerance_rad: f64,
-}
-
-impl Skill {
-    /// Reads and validates a skill file.
-    ///
-    /// # Errors
-    /// [`FileError`], naming the file and the key or line: missing, not RON, a key of the last
-    /// version, an unknown or missing key, or a value outside its range.
-    pub fn read(path: &Path) -> Result<Self, FileError> {
-        let text = read_text(path)?;
-        if let Some(key) = renamed_keys(&text).first() {
-            return Err(FileError::syntax(path, key.line, key.column, key.to_string()));
-        }
-        // `fit: Canonical(damping_1_s: …)` instead of two pairs of parentheses.
-        let options = ron::Options::default()
-            .with_default_extension(ron::extensions::Extensions::UNWRAP_VARIANT_NEWTYPES);
-        let skill: Self = options.from_str(&text).map_err(|e| {
-            FileError::syntax(path, e.span.start.line, e.span.start.col, e.code.to_string())
-        })?;
-        skill
-            .validate()
-            .map_err(|(key, problem)| FileError::key(path, key, problem))
-            .map(|()| skill)
-    }
-
-    /// The same skill with another number of Gaussians.
-    ///
-    /// # Errors
-    /// What was expected, when the number is outside the range of `mixture.components`.
-    pub fn with_components(mut self, components: usize) -> Result<Self, String> {
-        self.mixture.components = components;
-        self.validate_counts().map_err(|(_, problem)| problem).map(|()| self)
-    }
-
-    /// The frames of a demonstration by name, in the skill's order: start, goal unless it is the same,
-    /// then the others.
-    ///
-    /// # Panics
-    /// When the demonstration lacks one of them; [`read_folder`](crate::demonstration::read_folder)
-    /// refuses such.
-    pub fn named_frames<'a>(
-        &'a self,
-        demonstration: &'a Demonstration,
-    ) -> impl Iterator<Item = (&'a str, Pose)> {
-        let start = (self.start_frame != self.goal_frame)
-            .then_some((self.start_frame.as_str(), demonstration.start));
-        let goal = (self.goal_frame.as_str(), demonstration.goal_frame);
-        let others = self.other_frames.iter();
-        let others = others.map(|name| (name.as_str(), demonstration.other_frames[name]));
-        start.into_iter().chain([goal]).chain(others)
-    }
-
-    /// The poses of [`Skill::named_frames`].
-    #[must_use]
-    pub fn frames(&self, demonstration: &Demonstration) -> Vec<Pose> {
-        self.named_frames(demonstration).map(|(_, pose)| pose).collect()
-    }
-
-    /// Every value as `section.key` and text, in order of the keys.
-    #[must_use]
-    pub fn values(&self) -> Vec<(String, String)> {
-        let value = serde_json::to_value(self).expect("plain numbers and strings serialise");
-        let mut values = Vec::new();
-        flatten("", &value, &mut values);
-        values
-    }
-
-    fn validate(&self) -> Result<(), (&'static str, String)> {
-        if self.schema != SCHEMA {
-            return Err(("schema", format!("expected `{SCHEMA}`, found `{}`", self.schema)));
-        }
-        for (key, name) in [
-            ("skill", &self.skill),
-            ("tool_frame", &self.tool_frame),
-            ("start_frame", &self.start_frame),
-            ("goal_frame", &self.goal_frame),
-        ] {
-            if name.is_empty() {
-                return Err((key, "expected a name, found an empty one".into()));
-            }
-        }
-        let mut frames = vec![&self.start_frame, &self.goal_frame];
-        frames.dedup();
-        for name in &self.other_frames {
-            if name.is_empty() || frames.contains(&name) {
-                let problem = format!(
-                    "expected names that differ from each other and those of start and goal, found `{name}`"
-                );
-                return Err(("other_frames", problem));
-            }
-            frames.push(name);
-        }
-        if frames.len() > FRAME_CAPACITY {
-            let problem = format!(
-                "expected at most {FRAME_CAPACITY} frames together, found {}",
-                frames.len()
-            );
-            return Err(("other_frames", problem));
-        }
-        self.validate_positive()?;
-        self.validate_shape()?;
-        self.validate_counts()
-    }
-
-    fn validate_positive(&self) -> Result<(), (&'static str, String)> {
-        let c = &self.certification;
-        let mut positive = vec![
-            ("smoothing.window_s", self.smoothing.window_s),
-            ("smoothing.rest_speed_fraction", self.smoothing.rest_speed_fraction),
-            ("scale.span", self.scale.span),
-            ("scale.position_span_min_m", self.scale.position_span_min_m),
-            ("scale.orientation_span_min_rad", self.scale.orientation_span_min_rad),
-            ("mixture.regularisation", self.mixture.regularisation),
-            ("mixture.covariance_scale", self.mixture.covariance_scale),
-            ("certification.horizon_s", c.horizon_s),
-            ("certification.step_s", c.step_s),
-            ("certification.random_start_radius", c.random_start_radius),
-            ("certification.goal_tolerance_m", c.goal_tolerance_m),
-            ("certification.goal_tolerance_rad", c.goal_tolerance_rad),
-        ];
-        if self.smoothing.rest_speed_fraction >= 0.5 {
-            let problem = format!(
-                "expected a fraction below 0.5, found {}",
-                self.smoothing.rest_speed_fraction
-            );
-            return Err(("smoothing.rest_speed_fraction", problem));
-        }
-        for (key, value) in [
-            ("certification.frame_translation_fraction", c.frame_translation_fraction),
-            ("certification.frame_rotation_rad", c.frame_rotation_rad),
-            ("certification.energy_rise_max", c.energy_rise_max),
-        ] {
-            if !(value.is_finite() && value >= 0.0) {
-                return Err((key, format!("expected a number from zero on, found {value}")));
-            }
-        }
-        match &self.fit {
-            FitSettings::Canonical(f) => positive.extend(f.positive()),
-            FitSettings::Thesis(t) => positive.extend([
-                ("fit.metric_scale", t.metric_scale),
-                ("fit.huber_threshold", t.huber_threshold),
-                ("fit.damping_min", t.damping_min),
-            ]),
-        }
-        if let Some(mean) = self.fit.kaiser_smoothing() {
-            positive.extend([
-                ("fit.kaiser_smoothing.window_s", mean.window_s),
-                ("fit.kaiser_smoothing.shape", mean.shape),
-            ]);
-        }
-        match positive.iter().find(|(_, x)| !(x.is_finite() && *x > 0.0)) {
-            None => Ok(()),
-            Some((key, x)) => Err((key, format!("expected a positive number, found {x}"))),
-        }
-    }
-
-    /// I₀ of a larger shape is no number; a window of this one is a few samples wide.
-    fn validate_shape(&self) -> Result<(), (&'static str, String)> {
-        match self.fit.kaiser_smoothing() {
-            Some(mean) if mean.shape > SHAPE_MAX => {
-                let problem = format!("expected at most {SHAPE_MAX}, found {}", mean.shape);
-                Err(("fit.kaiser_smoothing.shape", problem))
-            }
-            _ => Ok(()),
-        }
-    }
-
-    fn validate_counts(&self) -> Result<(), (&'static str, String)> {
-        let mut counts = vec![
-            ("smoothing.degree", self.smoothing.degree, 2, 5),
-            ("mixture.components", self.mixture.components, 1, COMPONENT_CAPACITY - 1),
-            ("mixture.iterations", self.mixture.iterations as usize, 1, 1000),
-            ("certification.random_starts", self.certification.random_starts as usize, 0, 10_000),
-            (
-                "certification.displaced_starts",
-                self.certification.displaced_starts as usize,
-                0,
-                10_000,
-            ),
-        ];
-        match &self.fit {
-            FitSettings::Canonical(f) => counts.extend([
-                ("fit.tube_stride", f.tube_stride, 1, 1000),
-                ("fit.descent_stride", f.descent_stride, 1, 1000),
-                ("fit.descent_points_random", f.descent_points_random, 1, 10_000),
-                ("fit.refinement_rounds_max", f.refinement_rounds_max, 0, 100),
-            ]),
-            FitSettings::Thesis(t) => counts.push(("fit.stride", t.stride, 1, 1000)),
-        }
-        let c = &self.certification;
-        if !(c.horizon_s <= DURATION_MAX_S && c.horizon_s / c.step_s <= ROLLOUT_STEPS_MAX) {
-            let problem = format!(
-                "expected at most {DURATION_MAX_S} s, and {ROLLOUT_STEPS_MAX} steps of \
-                 `certification.step_s`, found {} s and steps of {} s",
-                c.horizon_s, c.step_s
-            );
-            return Err(("certification.horizon_s", problem));
-        }
-        for (key, count, least, most) in counts {
-            if !(least..=most).contains(&count) {
-                return Err((key, format!("expected {least} to {most}, found {count}")));
-            }
-        }
-        Ok(())
-    }
-}
-
-impl FieldSettings {
-    /// The values that have to be positive, and their keys.
-    fn positive(&self) -> Vec<(&'static str, f64)> {
-        let mut values = vec![
-            ("fit.damping_1_s", self.damping_1_s),
-            ("fit.activation_width", self.activation_width),
-            ("fit.phase_overlap", self.phase_overlap),
-            ("fit.phase_weight", self.phase_weight),
-            ("fit.metric_scale", self.metric_scale),
-            ("fit.tube_weight", self.tube_weight),
-            ("fit.tube_attraction_1_s", self.tube_attraction_1_s),
-            ("fit.tube_speed_min", self.tube_speed_min),
-            ("fit.descent_weight", self.descent_weight),
-            ("fit.descent_speed", self.descent_speed),
-            ("fit.descent_slowdown", self.descent_slowdown),
-            ("fit.descent_attraction", self.descent_attraction),
-            ("fit.descent_goal_radius", self.descent_goal_radius),
-            ("fit.descent_radius", self.descent_radius),
-            ("fit.descent_phase_radius", self.descent_phase_radius),
-            ("fit.stiffness_min_1_s2", self.stiffness_min_1_s2),
-            ("fit.goal_hessian_min_1_s2", self.goal_hessian_min_1_s2),
-            ("fit.regularisation", self.regularisation),
-            ("fit.regularisation_length", self.regularisation_length),
-        ];
-        values.extend(self.tube_offsets.iter().map(|x| ("fit.tube_offsets", *x)));
-        values
-    }
-}
-
-fn flatten(prefix: &str, value: &serde_json::Value, values: &mut Vec<(String, String)>) {
-    match value {
-        serde_json::Value::Object(map) => {
-            for (key, value) in map {
-                let dot = if prefix.is_empty() { "" } else { "." };
-                flatten(&format!("{prefix}{dot}{key}"), value, values);
-            }
-        }
-        serde_json::Value::String(text) => values.push((prefix.into(), text.clone())),
-        other => values.push((prefix.into(), other.to_string())),
-    }
 }
