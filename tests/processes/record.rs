@@ -24,7 +24,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const START: [f64; 2] = [-0.4, 0.1];
 const GOAL: [f64; 2] = [0.5, 0.3];
 
-/// A point in the plane that is led by hand.
+/// A point in the plane that is guided by hand.
 struct Robot {
     ports: StatePublisherPorts,
     state: RobotState,
@@ -305,7 +305,7 @@ fn frames_that_move_or_are_missing_are_named_and_nothing_is_written() {
     robot.rest_until(&recorder, "ready");
     assert_eq!(names(&place), Vec::<String>::new());
 
-    // A robot led by hand: nobody publishes a start frame.
+    // A robot guided by hand: nobody publishes a start frame.
     robot.frames = good;
     robot.frames.frames[0] = good.frames[1];
     robot.frames.frame_count = 1;
