@@ -92,3 +92,8 @@ fn main() -> Result<(), ResolveError> {
     assert!((q - goal).norm() < 1e-3 && clearance_min_m > 0.0);
     Ok(())
 }
+
+#[test]
+fn the_point_arrives_and_touches_nothing() -> Result<(), ResolveError> {
+    main()
+}

@@ -1,7 +1,7 @@
 //! Riemannian motion policies: M ẍ = f.
 //!
-//! A policy on a space x is a pair of a force f and a metric M, which says how firmly the acceleration M⁻¹f
-//! is wanted, and in which directions. A leaf is a policy on a task space x = ψ(q) of the robot. Pulled back
+//! A policy on a space x is a pair of a force f and a metric M: it desires the acceleration M⁻¹f, and M is
+//! its weight, direction by direction. A leaf is a policy on a task space x = ψ(q) of the robot. Pulled back
 //! to the robot's coordinates q, policies of the same robot add up, and their sum is resolved:
 //!
 //! ```text

@@ -210,16 +210,16 @@ mod tests {
     use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector2, Vector3};
 
     #[test]
-    fn a_full_rank_leaf_alone_gets_the_acceleration_it_wants() {
+    fn a_full_rank_leaf_alone_gets_the_acceleration_it_desires() {
         let metric = Matrix2::new(3.0, 0.5, 0.5, 2.0);
-        let wanted = Vector2::new(1.0, -2.0);
-        let leaf = Natural { force: metric * wanted, metric };
+        let desired = Vector2::new(1.0, -2.0);
+        let leaf = Natural { force: metric * desired, metric };
         let jacobian = Matrix2::new(0.4, 1.0, -2.0, 0.3);
         let drift = Vector2::new(0.2, 0.7);
         let mut root = Natural::zero();
         root.add_pullback(&leaf, &jacobian, &drift);
         let q = root.resolve().unwrap();
-        assert!((jacobian * q + drift - wanted).norm() < 1e-12);
+        assert!((jacobian * q + drift - desired).norm() < 1e-12);
     }
 
     #[test]
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_factor_solves_and_tells_the_mobility_and_the_pivots() {
+    fn a_factor_solves_and_gives_the_mobility_and_the_pivots() {
         let matrix = Matrix3::new(4.0, 1.0, -0.5, 1.0, 3.0, 0.2, -0.5, 0.2, 2.0);
         let factor = Factor::new(&matrix).unwrap();
         let force = Vector3::new(0.3, -1.0, 2.0);

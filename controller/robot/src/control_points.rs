@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::chain::Chain;
-use crate::description::{CollisionGeometry, CollisionShape};
+use crate::description::CollisionGeometry;
 
 /// Most spheres an arm can have.
 pub const CONTROL_POINT_CAPACITY: usize = 64;
@@ -24,13 +24,12 @@ pub struct ControlPoint {
     pub radius: f64,
 }
 
-/// All spheres of an arm, in a fixed-size array. Built at start-up.
+/// All spheres of an arm, at most [`CONTROL_POINT_CAPACITY`]. Built at start-up.
 ///
 /// Every point of every collision shape of a moving link lies in at least one sphere.
 #[derive(Debug, Clone)]
 pub struct ControlPoints {
-    points: [ControlPoint; CONTROL_POINT_CAPACITY],
-    count: usize,
+    points: Vec<ControlPoint>,
 }
 
 /// Why a robot's collision shapes cannot be covered.
@@ -84,33 +83,28 @@ impl ControlPoints {
     /// [`ControlPointError`] when there is a mesh or more than [`CONTROL_POINT_CAPACITY`] spheres are
     /// needed.
     pub fn new<const N: usize>(chain: &Chain<N>) -> Result<Self, ControlPointError> {
-        let empty = ControlPoint { link: 0, joint: 0, centre: DVec3::NAN, radius: f64::NAN };
-        let mut covered = Self { points: [empty; CONTROL_POINT_CAPACITY], count: 0 };
+        let mut covered = Self { points: Vec::new() };
         for shape in chain.collision_shapes() {
-            let link = || chain.moving_links()[shape.link].0.clone();
-            let too_many =
-                || ControlPointError::TooMany { link: link(), capacity: CONTROL_POINT_CAPACITY };
+            let link = &chain.moving_links()[shape.link].0;
+            let mut push = |centre: DVec3, radius: f64| {
+                let centre = shape.placement.transform_point(centre);
+                let point = ControlPoint { link: shape.link, joint: shape.joint, centre, radius };
+                covered.push(point, link)
+            };
             match shape.geometry {
-                CollisionGeometry::Cylinder { radius, length } => {
+                CollisionGeometry::Cylinder { radius, length }
+                | CollisionGeometry::Capsule { radius, length } => {
                     let cells = (length / radius).ceil();
                     let step = length / cells;
                     let inflated = radius.hypot(step / 2.0);
-                    for k in 0..cells_usize(cells) {
-                        let z = (k as f64 + 0.5) * step - length / 2.0;
-                        covered.push(shape, DVec3::Z * z, inflated).ok_or_else(too_many)?;
-                    }
-                }
-                CollisionGeometry::Capsule { radius, length } => {
-                    let cells = (length / radius).ceil();
-                    let step = length / cells;
-                    let inflated = radius.hypot(step / 2.0);
-                    for k in 0..=cells_usize(cells) {
-                        let z = k as f64 * step - length / 2.0;
-                        covered.push(shape, DVec3::Z * z, inflated).ok_or_else(too_many)?;
+                    let is_flat = matches!(shape.geometry, CollisionGeometry::Cylinder { .. });
+                    let (first, count) = if is_flat { (0.5, 0) } else { (0.0, 1) };
+                    for k in 0..cells_usize(cells) + count {
+                        push(DVec3::Z * ((k as f64 + first) * step - length / 2.0), inflated)?;
                     }
                 }
                 CollisionGeometry::Sphere { radius } => {
-                    covered.push(shape, DVec3::ZERO, radius).ok_or_else(too_many)?;
+                    push(DVec3::ZERO, radius)?;
                 }
                 CollisionGeometry::Box { size } => {
                     let cells = (size / size.min_element()).ceil();
@@ -120,14 +114,14 @@ impl ControlPoints {
                         for j in 0..cells_usize(cells.y) {
                             for k in 0..cells_usize(cells.z) {
                                 let cell = DVec3::new(i as f64, j as f64, k as f64);
-                                covered
-                                    .push(shape, corner + cell * step, step.length() / 2.0)
-                                    .ok_or_else(too_many)?;
+                                push(corner + cell * step, step.length() / 2.0)?;
                             }
                         }
                     }
                 }
-                CollisionGeometry::Mesh => return Err(ControlPointError::Mesh { link: link() }),
+                CollisionGeometry::Mesh => {
+                    return Err(ControlPointError::Mesh { link: link.clone() });
+                }
             }
         }
         Ok(covered)
@@ -143,8 +137,7 @@ impl ControlPoints {
         chain: &Chain<N>,
         list: &[(String, DVec3, f64)],
     ) -> Result<Self, ControlPointError> {
-        let empty = ControlPoint { link: 0, joint: 0, centre: DVec3::NAN, radius: f64::NAN };
-        let mut listed = Self { points: [empty; CONTROL_POINT_CAPACITY], count: 0 };
+        let mut listed = Self { points: Vec::new() };
         let links = chain.moving_links();
         // In the order of the chain, so that the spheres of a link are side by side.
         for (link, (name, joint)) in links.iter().enumerate() {
@@ -153,13 +146,7 @@ impl ControlPoints {
                 let (Some(centre), true) = (place, radius.is_finite() && *radius > 0.0) else {
                     return Err(ControlPointError::NotFinite { link: name.clone() });
                 };
-                *listed.points.get_mut(listed.count).ok_or_else(|| {
-                    ControlPointError::TooMany {
-                        link: name.clone(),
-                        capacity: CONTROL_POINT_CAPACITY,
-                    }
-                })? = ControlPoint { link, joint: *joint, centre, radius: *radius };
-                listed.count += 1;
+                listed.push(ControlPoint { link, joint: *joint, centre, radius: *radius }, name)?;
             }
         }
         match list.iter().find(|(of, _, _)| links.iter().all(|(name, _)| name != of)) {
@@ -173,16 +160,17 @@ impl ControlPoints {
 
     /// The spheres.
     pub fn as_slice(&self) -> &[ControlPoint] {
-        self.points.get(..self.count).unwrap_or_default()
+        &self.points
     }
 
-    /// Adds a sphere at `centre` in the shape's own frame; `None` when there is no room.
-    fn push(&mut self, shape: &CollisionShape, centre: DVec3, radius: f64) -> Option<()> {
-        let centre = shape.placement.transform_point(centre);
-        *self.points.get_mut(self.count)? =
-            ControlPoint { link: shape.link, joint: shape.joint, centre, radius };
-        self.count += 1;
-        Some(())
+    /// Adds a sphere of the link of this name.
+    fn push(&mut self, point: ControlPoint, link: &str) -> Result<(), ControlPointError> {
+        let capacity = CONTROL_POINT_CAPACITY;
+        if self.points.len() == capacity {
+            return Err(ControlPointError::TooMany { link: link.to_owned(), capacity });
+        }
+        self.points.push(point);
+        Ok(())
     }
 }
 

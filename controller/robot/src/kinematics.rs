@@ -187,9 +187,8 @@ fn place<const N: usize>(chain: &Chain<N>, q: &SVector<f64, N>, kinematics: &mut
     let joints = &kinematics.joints;
     kinematics.tool = joints.last().unwrap_or(&Placement::IDENTITY).compose(&chain.tool);
     let tool = kinematics.tool.position;
-    for i in 0..N {
-        let column =
-            column(chain.joints[i].kind, joints[i].rotation.z_axis, tool - joints[i].position);
+    for (i, Placement { rotation, position }) in joints.iter().enumerate() {
+        let column = column(chain.joints[i].kind, rotation.z_axis, tool - *position);
         kinematics.tool_jacobian.set_column(i, &Vector6::from(column));
     }
 }

@@ -18,7 +18,7 @@ pub enum Ignored {
     Adjacent,
     /// Their spheres touch in nearly every posture.
     Touching,
-    /// The configuration says so.
+    /// They are exempt by the configuration.
     Exempt,
 }
 

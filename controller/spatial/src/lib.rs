@@ -1,4 +1,4 @@
-//! The one vocabulary of space: what robot, policy, learner and simulators say to each other.
+//! The one vocabulary of space, shared by robot, policy, learner and simulators.
 //!
 //! Names follow Drake's monogram notation and Pinocchio's `spatial/`: `X_AB` is the pose of frame B in
 //! frame A, `V_AB` its twist, `A_AB` its acceleration, and the letters between two factors cancel,

@@ -7,7 +7,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use tprmp_model::skill_model::Manifold;
-use tprmp_spatial::{MovingPose, Pose, Twist};
+use tprmp_spatial::{MovingPose, Twist};
 
 use super::dataset::SkillSet;
 use super::follower::{Follower, Moment};

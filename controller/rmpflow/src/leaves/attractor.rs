@@ -61,7 +61,7 @@ impl PoseAttractor {
     }
 
     /// The leaf towards a goal that moves: spring and damping act on the motion relative to it, and
-    /// the goal's acceleration is asked for, so that a pose on the goal stays there.
+    /// the goal's acceleration is added, so that a pose on the goal stays there.
     #[must_use]
     pub fn towards(&self, pose: &Pose, velocity: &Twist, goal: &MovingPose) -> Natural<6> {
         let mut natural = self.evaluate(pose, &(*velocity - goal.velocity), &goal.pose);
@@ -97,14 +97,14 @@ mod tests {
             },
             ..MovingPose::at_rest(pose)
         };
-        let asked = |velocity: &Twist| {
+        let resolved = |velocity: &Twist| {
             let acceleration = attractor.towards(&pose, velocity, &goal).resolve().unwrap();
             SpatialAcceleration::from(acceleration)
         };
-        let error = asked(&goal.velocity) - goal.acceleration;
+        let error = resolved(&goal.velocity) - goal.acceleration;
         assert!(error.linear.length() < 1e-12 && error.angular.length() < 1e-12, "{error:?}");
         // A pose at rest lags behind.
-        let still = asked(&Twist::ZERO);
+        let still = resolved(&Twist::ZERO);
         let lag = still.linear - goal.acceleration.linear;
         assert!((lag - goal.velocity.linear * 9.0).length() < 1e-12, "{still:?}");
     }

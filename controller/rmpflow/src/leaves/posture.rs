@@ -1,4 +1,4 @@
-//! What the joints do where nothing else asks for anything: a damping and a posture.
+//! The joints where the task leaves them free: a damping and a posture.
 
 use nalgebra::{SMatrix, SVector};
 

@@ -145,8 +145,8 @@ mod tests {
         // u = 13 m/s in the other direction: the change stays within 2 m/s, or |ẋ| where that is more.
         for (speed, change) in [(-0.5, 2.0), (-1.5, 2.0), (-2.0, 2.0), (-3.0, 3.0)] {
             let velocity = along(speed);
-            let asked = 8.0 * (13.0 - speed);
-            let back = GOVERNOR.govern(&policy(asked, 0.0), &velocity).resolve().unwrap();
+            let acceleration = 8.0 * (13.0 - speed);
+            let back = GOVERNOR.govern(&policy(acceleration, 0.0), &velocity).resolve().unwrap();
             assert!((back[0] / 8.0 - change).abs() < 1e-6, "{speed}: {back}");
         }
         // Across the motion, too.
@@ -162,11 +162,11 @@ mod tests {
     fn braking_in_one_part_leaves_the_other_alone() {
         // Pushed faster than 2 m/s, the policy stops or comes back: it goes on rotating all the same.
         let velocity = along(3.0);
-        for wanted in [0.1, -0.1, -1.0] {
-            let asked = policy(8.0 * (wanted - 3.0), 8.0 * 2.0);
-            let governed = GOVERNOR.govern(&asked, &velocity).resolve().unwrap();
-            assert!((governed[4] / 8.0 - 2.0).abs() < 1e-6, "{wanted}: {governed}");
-            assert!(governed[0] / 8.0 >= -3.0 - 1e-6, "{wanted}: {governed}");
+        for desired in [0.1, -0.1, -1.0] {
+            let free = policy(8.0 * (desired - 3.0), 8.0 * 2.0);
+            let governed = GOVERNOR.govern(&free, &velocity).resolve().unwrap();
+            assert!((governed[4] / 8.0 - 2.0).abs() < 1e-6, "{desired}: {governed}");
+            assert!(governed[0] / 8.0 >= -3.0 - 1e-6, "{desired}: {governed}");
         }
     }
 

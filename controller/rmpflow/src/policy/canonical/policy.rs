@@ -285,7 +285,7 @@ impl CanonicalPolicy {
         Some(distance)
     }
 
-    /// The acceleration with which the phase goes on at `fraction` of its own pull, as if the tool lay in
+    /// The acceleration of the phase that goes on at `fraction` of its own pull, as if the tool lay in
     /// the valley: s̈ = −fraction U′/M_ss − d ṡ \[1/s²\]. −∞ where there is no valley.
     ///
     /// Where an obstacle holds the tool back, the valley's pull on the tool holds the phase back too: the
