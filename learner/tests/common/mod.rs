@@ -1,4 +1,4 @@
-//! What several tests fraction: folders of their own, and demonstrations made up from formulas.
+//! What several tests share: folders of their own, and demonstrations made up from formulas.
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 mod folder;
@@ -59,11 +59,11 @@ fn progress(time_s: f64, duration_s: f64) -> f64 {
 /// Three demonstrations of an arc, in the plane or of poses, each with its own place of the goal.
 pub(crate) fn arcs(manifold: Manifold) -> Vec<Demonstration> {
     let planar = manifold == Manifold::R2;
-    let shown = |i: usize, shift: f64, turn: f64| {
+    let demonstration = |i: usize, shift: f64, rotation_rad: f64| {
         let goal = DVec3::new(0.6 + shift, 0.3 - 0.5 * shift, if planar { 0.0 } else { 0.05 });
         let height = if planar { 0.0 } else { 0.3 };
         let start = Pose { position: DVec3::Z * height, orientation: DQuat::IDENTITY };
-        let goal_frame = Pose { position: goal, orientation: DQuat::from_rotation_z(turn) };
+        let goal_frame = Pose { position: goal, orientation: DQuat::from_rotation_z(rotation_rad) };
         let down = DQuat::from_rotation_x(2.5);
         let poses = (0..140)
             .map(|k| {
@@ -92,5 +92,5 @@ pub(crate) fn arcs(manifold: Manifold) -> Vec<Demonstration> {
             poses,
         }
     };
-    vec![shown(1, 0.0, 0.0), shown(2, 0.02, 0.05), shown(3, -0.02, -0.04)]
+    vec![demonstration(1, 0.0, 0.0), demonstration(2, 0.02, 0.05), demonstration(3, -0.02, -0.04)]
 }
