@@ -31,7 +31,6 @@ use tprmp_model::skill_model::{
     ProgramFit, ThesisModel, thesis_policy,
 };
 use tprmp_rmpflow::policy::thesis::{GaussianField, ThesisState};
-use tprmp_spatial::MovingPose;
 use tprmp_spatial::rotation::rotation_vector;
 use tprmp_spatial::{MovingPose, Pose};
 
@@ -79,74 +78,16 @@ pub struct ThesisFit<'a> {
     pub set: &'a CanonicalSet,
 }
 
-/// Fits potential and damping to the learned mixture of each frame.
-///
-/// # Errors
-/// The Gaussians of the frames cannot be multiplied, or a program is not solved.
-pub fn fit(
-    mixture: &[FrameMixture],
-    skill: &Skill,
-    settings: &ThesisSettings,
-    demonstrations: &[Demonstration],
-    set: &CanonicalSet,
-) -> Result<(PolicyModel, Vec<ProgramFit>), FitError> {
-    match skill.manifold {
-        Manifold::R2 => fit_in::<2>(mixture, skill, settings, demonstrations, set),
-        Manifold::R3 => fit_in::<3>(mixture, skill, settings, demonstrations, set),
-        Manifold::R3S3 => fit_in::<6>(mixture, skill, settings, demonstrations, set),
-    }
-}
-
-fn fit_in<const D: usize>(
-    mixture: &[FrameMixture],
-    skill: &Skill,
-    settings: &ThesisSettings,
-    demonstrations: &[Demonstration],
-    set: &CanonicalSet,
-) -> Result<(PolicyModel, Vec<ProgramFit>), FitError> {
-    let components = mixture[0].gaussians.len();
-    let mut thesis = unfitted(settings, components);
-    let pairs: Vec<_> = demonstrations.iter().zip(&set.demonstrations).collect();
-    let shown = |thesis: &ThesisModel| -> Result<Vec<Shown<D>>, DemonstrationError> {
-        pairs
-            .par_iter()
-            .map(|(demonstration, canonical)| {
-                let moving = canonical.rest..canonical.rest + canonical.position.points.len();
-                shown(mixture, skill, settings, thesis, demonstration, moving)
-            })
-            .collect()
-    };
-    let (potentials, potential_fit) = fit_potential(&shown(&thesis)?)?;
-    thesis.potentials = potentials;
-    let (damping, damping_fit) = fit_damping(&shown(&thesis)?, settings)?;
-    thesis.damping = damping;
-    Ok((PolicyModel::Thesis(thesis), vec![potential_fit, damping_fit]))
-}
-
-/// The moving samples of a demonstration in the chart of the field with its frames.
-fn shown<const D: usize>(
-    mixture: &[FrameMixture],
-    skill: &Skill,
-    settings: &ThesisSettings,
-    thesis: &ThesisModel,
-    demonstration: &Demonstration,
-    moving: std::ops::Range<usize>,
-) -> Result<Shown<D>, DemonstrationError> {
-    let not_a_product = || DemonstrationError {
-        name: demonstration.name.clone(),
-        problem: "the Gaussians of its frames cannot be multiplied".into(),
-    };
-    let policy = thesis_policy::<D>(mixture, thesis).map_err(|_| not_a_product())?;
-    let motions: Vec<_> =
-        skill.frames(demonstration).into_iter().map(MovingPose::at_rest).collect();
-    let mut state = ThesisState::default();
-    policy.update(&motions, &mut state);
-    let field = state.field().ok_or_else(not_a_product)?.clone();
-    let chart = state.goal().orientation.conjugate();
-    let smoothed = |samples: &[DVec3]| {
-        let dt = demonstration.sampling_time_s;
-        if settings.kaiser_smoothing.is_some() {
-            return (samples.to_vec(), differences(samples, dt));
+impl ThesisFit<'_> {
+    /// Fits potential and damping.
+    ///
+    /// # Errors
+    /// The Gaussians of the frames cannot be multiplied, or a program is not solved.
+    pub fn fit(&self) -> Result<(PolicyModel, Vec<ProgramFit>), FitError> {
+        match self.skill.manifold {
+            Manifold::R2 => self.fit_in::<2>(),
+            Manifold::R3 => self.fit_in::<3>(),
+            Manifold::R3S3 => self.fit_in::<6>(),
         }
     }
 
@@ -180,10 +121,10 @@ fn shown<const D: usize>(
             name: demonstration.name.clone(),
             problem: "the Gaussians of its frames cannot be multiplied".into(),
         };
-        let products = product_skill::<D>(self.mixture, thesis).map_err(|_| not_a_product())?;
+        let products = thesis_policy::<D>(self.mixture, thesis).map_err(|_| not_a_product())?;
         let frames = self.skill.frames(demonstration);
         let frames: Vec<_> = frames.into_iter().map(MovingPose::at_rest).collect();
-        let mut state = ProductState::new();
+        let mut state = ThesisState::default();
         products.update(&frames, &mut state);
         let field = state.field().ok_or_else(not_a_product)?.clone();
         let chart = state.goal().orientation.conjugate();
@@ -225,7 +166,7 @@ fn differences(samples: &[DVec3], sampling_time_s: f64) -> Vec<DVec3> {
     velocities
 }
 
-/// φ⁰_k by eq. 4.15–4.16, from fields the bias potentials of which are zero.
+/// φ⁰_k by eq. 4.15–4.16; the potentials of the fields do not enter.
 ///
 /// # Errors
 /// [`NotSolved`] when the solver finds no solution.
@@ -241,16 +182,16 @@ pub fn fit_potential<const D: usize>(
     let mut residuals: Vec<[Affine; D]> = Vec::new();
     for one in all {
         let speed = |sample: &Sample<D>| sample.velocity.norm();
-        let fastest = shown.samples.iter().map(speed).fold(0.0, f64::max);
-        for sample in shown.samples.iter().filter(|s| speed(s) > SPEED_FRACTION_MIN * fastest) {
-            let value = shown.field.evaluate(&sample.point, &SVector::zeros());
-            let terms = shown.field.terms(&sample.point);
-            let gradient: SVector<f64, D> =
-                terms.iter().map(|t| t.attraction + t.weight_gradient * t.potential).sum();
+        let fastest = one.samples.iter().map(speed).fold(0.0, f64::max);
+        for sample in
+            one.samples.iter().filter(|s| speed(s) > settings.speed_fraction_min * fastest)
+        {
+            let value = one.field.evaluate(&sample.point, &SVector::zeros());
+            let affine = one.field.affine_potential(&sample.point);
             let Some(metric) = Cholesky::new(value.metric) else { continue };
-            let constant = sample.velocity.normalize() + metric.solve(&gradient);
+            let constant = sample.velocity.normalize() + metric.solve(&affine.gradient);
             let columns: Vec<_> =
-                terms[..free].iter().map(|term| metric.solve(&term.weight_gradient)).collect();
+                affine.weight_gradients[..free].iter().map(|w| metric.solve(w)).collect();
             residuals.push(std::array::from_fn(|i| Affine {
                 constant: constant[i],
                 coefficients: columns.iter().map(|c| c[i]).enumerate().collect(),
@@ -306,30 +247,8 @@ pub fn fit_damping<const D: usize>(
     settings: &ThesisSettings,
 ) -> Result<(Vec<f64>, ProgramFit), NotSolved> {
     let components = all[0].field.components().len();
-    // Rows of weight · (energy lost − Σ d_k dissipated_k), relative to the mean energy.
-    let mut rows: Vec<(f64, f64, Vec<f64>)> = Vec::new();
-    for shown in all {
-        let energy = |sample: &Sample<D>| {
-            shown.field.evaluate(&sample.point, &sample.velocity).energy(&sample.velocity)
-        };
-        let at_start = energy(&shown.samples[0]);
-        let mut dissipated = vec![0.0; components];
-        let fraction = 1.0 / shown.samples.len() as f64;
-        for sample in &shown.samples {
-            if settings.damping_target == DampingTarget::EnergyProfile {
-                rows.push((fraction, at_start - energy(sample), dissipated.clone()));
-            }
-            let terms = shown.field.terms(&sample.point);
-            let power = sample.velocity.norm_squared() * sample.step_s;
-            for (sum, term) in dissipated.iter_mut().zip(terms) {
-                *sum += term.weight * power;
-            }
-        }
-        if settings.damping_target == DampingTarget::TotalEnergy {
-            rows.push((1.0, at_start, dissipated));
-        }
-    }
-    let size = rows.iter().map(|row| row.1.abs()).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let rows = energy_rows(all, settings.damping_target, components);
+    let size = rows.iter().map(|row| row.lost.abs()).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
     // x = (d_1 … d_K, one absolute value a row), d in units of an even damping that dissipates the
     // energy, energies in units of the largest.
     let scale = 1.0 / (size * all.len() as f64);
