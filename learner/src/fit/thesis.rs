@@ -187,11 +187,13 @@ pub fn fit_potential<const D: usize>(
             one.samples.iter().filter(|s| speed(s) > settings.speed_fraction_min * fastest)
         {
             let value = one.field.evaluate(&sample.point, &SVector::zeros());
-            let affine = one.field.affine_potential(&sample.point);
+            let terms = one.field.terms(&sample.point);
+            let gradient: SVector<f64, D> =
+                terms.iter().map(|t| t.attraction + t.weight_gradient * t.potential).sum();
             let Some(metric) = Cholesky::new(value.metric) else { continue };
-            let constant = sample.velocity.normalize() + metric.solve(&affine.gradient);
+            let constant = sample.velocity.normalize() + metric.solve(&gradient);
             let columns: Vec<_> =
-                affine.weight_gradients[..free].iter().map(|w| metric.solve(w)).collect();
+                terms[..free].iter().map(|term| metric.solve(&term.weight_gradient)).collect();
             residuals.push(std::array::from_fn(|i| Affine {
                 constant: constant[i],
                 coefficients: columns.iter().map(|c| c[i]).enumerate().collect(),
@@ -318,10 +320,10 @@ fn energy_rows<const D: usize>(
                 let lost = at_start - energy(sample);
                 rows.push(EnergyRow { weight, lost, dissipated: dissipated.clone() });
             }
-            let weights = one.field.weights(&sample.point);
+            let terms = one.field.terms(&sample.point);
             let power = sample.velocity.norm_squared() * sample.step_s;
-            for (sum, weight) in dissipated.iter_mut().zip(weights) {
-                *sum += weight * power;
+            for (sum, term) in dissipated.iter_mut().zip(terms) {
+                *sum += term.weight * power;
             }
         }
         if target == DampingTarget::TotalEnergy {
