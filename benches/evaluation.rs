@@ -5,8 +5,6 @@
 //! is compared with the best of many short batches: the rest is the machine's. Criterion compares the
 //! main rows with the run before. Benchmarks measure; no test asserts a time.
 
-#![expect(missing_docs, reason = "the macros of criterion make public functions without them")]
-
 use std::fmt::Write as _;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};

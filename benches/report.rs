@@ -187,7 +187,7 @@ fn latency(page: &mut Page, rows: &[&Value]) {
 }
 
 fn deadlines(page: &mut Page, rows: &[&Value]) {
-    let rows: Vec<_> = rows.iter().filter(|row| row["rate_hz"].is_u64()).collect();
+    let rows: Vec<_> = rows.iter().copied().filter(|row| row["rate_hz"].is_u64()).collect();
     page.section("Deadlines");
     page.paragraph(
         "Times in µs. A deadline is missed when the command is not out within a period of the tick's \
@@ -196,14 +196,10 @@ fn deadlines(page: &mut Page, rows: &[&Value]) {
          more than 100 µs on evaluation and publishing; those without steal had none within 0.1 s. A \
          busy core is one with a process that computes and walks through memory.",
     );
-    let kind = |row: &&&Value| (text(row, "scheduler").to_owned(), text(row, "wait").to_owned());
-    for (scheduler, wait) in distinct(rows.iter().map(|row| kind(&row))) {
-        page.subsection(&format!("{scheduler}, {wait}"));
-        let own: Vec<&Value> = rows
-            .iter()
-            .filter(|row| row["scheduler"] == scheduler && row["wait"] == wait)
-            .map(|row| **row)
-            .collect();
+    let kind = |row: &Value| (text(row, "scheduler").to_owned(), text(row, "wait").to_owned());
+    for of_it in distinct(rows.iter().map(|row| kind(row))) {
+        page.subsection(&format!("{}, {}", of_it.0, of_it.1));
+        let own: Vec<&Value> = rows.iter().copied().filter(|row| kind(row) == of_it).collect();
         table(page, &DEADLINES, &own);
         let all = !own.iter().any(|row| row["rate_hz"] == DRAWN_HZ);
         let drawn = own.iter().filter(|row| all || row["rate_hz"] == DRAWN_HZ);

@@ -11,7 +11,6 @@ use tprmp_learner::demonstration::{Demonstration, read_folder};
 use tprmp_learner::mixture::components::choose;
 use tprmp_learner::skill::Skill;
 use tprmp_learner::train::{Step, learn};
-use tprmp_spatial::Pose;
 
 /// Times each is measured.
 const RUNS: usize = 10;

@@ -158,7 +158,7 @@ impl<'a> Scene<'a> {
     }
 
     /// The components of the field of a planar skill.
-    pub fn forces(&self) -> Option<Forces> {
+    pub(super) fn forces(&self) -> Option<Forces> {
         Forces::new(self.skill.model, self.skill.policy.policy(), &self.frames)
     }
 
