@@ -11,7 +11,7 @@ use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
 
 use crate::canonical::{CanonicalSet, DemonstrationError, canonicalise, prepared};
 use crate::certify::Certifier;
-use crate::certify::policy::Learned;
+use crate::certify::policy::LearnedPolicy;
 use crate::demonstration::{Demonstration, plausibility, read_folder};
 use crate::file_error::FileError;
 use crate::fit::thesis::ThesisFit;
@@ -184,7 +184,7 @@ pub fn learn(
     let set = &fitted.set;
     let mut model = fitted.model(skill, demonstrations, seed);
     let uncertified = model.clone();
-    let policy = Learned::new(&uncertified)?;
+    let policy = LearnedPolicy::new(&uncertified)?;
     let certifier = Certifier::new(skill, demonstrations, set, &policy);
     model.fit.demonstrations = certifier.follow_demonstrations();
     clock.done(Step::DemonstratedStarts);

@@ -11,14 +11,14 @@ use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tprmp_learner::canonical::canonicalise;
-use tprmp_learner::certify::policy::Learned;
-use tprmp_learner::certify::rollout::{Course, follow};
+use tprmp_learner::certify::policy::{Body, LearnedPolicy, MotionPolicy};
+use tprmp_learner::certify::rollout::{RolloutSpec, Target, follow};
 use tprmp_learner::demonstration::Demonstration;
 use tprmp_learner::mixture::tp_gmm::uninformative_frames;
 use tprmp_learner::skill::{FitSettings, Skill};
 use tprmp_learner::train::{Trained, learn};
 use tprmp_model::skill_model::{FrameMixture, Manifold, SkillModel};
-use tprmp_spatial::{Pose, SpatialAcceleration, Twist};
+use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
 /// A skill whose training is not examined, for tests that do so themselves.
 fn unexamined(template: &str) -> Skill {
@@ -72,11 +72,20 @@ fn all_moved(shown: &[Demonstration], motion: &Pose) -> Vec<Demonstration> {
     shown
 }
 
+fn at_rest(frames: &[Pose]) -> Vec<MovingPose> {
+    frames.iter().copied().map(MovingPose::at_rest).collect()
+}
+
+fn from_rest(manifold: Manifold, start: Pose, step_s: f64, steps: usize) -> RolloutSpec {
+    RolloutSpec { manifold, start: Body::at_rest(start), step_s, steps }
+}
+
 /// The acceleration of a body that obeys a model's policy [m/s², rad/s²].
 fn acceleration(model: &SkillModel, frames: &[Pose], pose: &Pose, v: [DVec3; 2]) -> [DVec3; 2] {
-    let policy = Learned::new(model).unwrap();
+    let policy = LearnedPolicy::new(model).unwrap();
     let velocity = Twist { linear: v[0], angular: v[1] };
-    let mut natural = policy.situation(frames).evaluate(pose, &velocity).natural;
+    let body = Body { velocity, ..Body::at_rest(*pose) };
+    let mut natural = policy.instance().evaluate(&at_rest(frames), &body).natural;
     // What the manifold does not span has no inertia.
     for i in 0..6 {
         let spanned = match model.manifold {
@@ -292,16 +301,17 @@ proptest! {
     fn energy_never_rises_with_displaced_frames(seed in any::<u64>()) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         for (skill, model) in SKILLS.iter().chain(&*TURNING) {
-            let policy = Learned::new(model).unwrap();
+            let policy = LearnedPolicy::new(model).unwrap();
             let steps: &[f64] = if is_thesis(skill) { &[5e-5] } else { &[1e-2, 1e-3] };
             for _ in 0..3 {
                 let (frames, start, _) = near(skill, &arcs(skill.manifold), 0.1, &mut random);
                 let goal = goal(model, &frames);
                 for step_s in steps.iter().copied() {
                     let steps = (4.0 / step_s) as usize;
-                    let course = Course { start, goal, step_s, steps, arrived: None };
-                    let mut situation = policy.situation(&frames);
-                    let outcome = follow(&mut situation, skill.manifold, &course, |_| {});
+                    let spec = from_rest(skill.manifold, start, step_s, steps);
+                    let target = Target { goal, arrived: None };
+                    let mut policy = policy.instance();
+                    let outcome = follow(&mut policy, &at_rest(&frames), &target, &spec, |_| {});
                     let rise = outcome.energy_rise_max / outcome.energy_at_start;
                     prop_assert!(rise < 1e-9, "{rise:e} in {step_s} s");
                     prop_assert!(outcome.energy_at_start > 0.0);
@@ -433,15 +443,16 @@ fn a_frame_on_the_way_is_passed_wherever_it_is() {
         let apart = (Pose::from(way.pose).position - DVec3::from_array(way.point_m)).length();
         assert!(apart < 0.015, "{apart}");
 
-        let policy = Learned::new(&model).unwrap();
+        let policy = LearnedPolicy::new(&model).unwrap();
         for aside in [DVec3::ZERO, DVec3::new(0.2, -0.1, 0.0), DVec3::new(-0.1, 0.3, 0.0)] {
             let mut frames: Vec<_> = skill.frames(&shown[0]);
             frames[2].position += aside;
             let start = shown[0].poses[0];
-            let goal = goal(&model, &frames);
-            let course = Course { start, goal, step_s: 1e-2, steps: 1000, arrived: None };
+            let target = Target { goal: goal(&model, &frames), arrived: None };
+            let spec = from_rest(skill.manifold, start, 1e-2, 1000);
+            let (mut policy, still) = (policy.instance(), at_rest(&frames));
             let mut nearest = f64::INFINITY;
-            let outcome = follow(&mut policy.situation(&frames), skill.manifold, &course, |pose| {
+            let outcome = follow(&mut policy, &still, &target, &spec, |pose| {
                 nearest = nearest.min((pose.position - frames[2].position).length());
             });
             assert!(nearest < 0.03 && outcome.goal_error_m < 1e-4, "{nearest} {outcome:?}");

@@ -9,14 +9,15 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use tprmp_model::skill_model::Manifold;
-use tprmp_spatial::Pose;
-
 use tprmp_learner::canonical::{DemonstrationError, moving_ranges};
 use tprmp_learner::demonstration::{Demonstration, SCHEMA, read};
 use tprmp_learner::file_error::{FileError, read_text};
 use tprmp_learner::import::{Selection, load};
 use tprmp_learner::skill::Skill;
+use tprmp_model::skill_model::Manifold;
+use tprmp_spatial::Pose;
+
+use crate::experiment::Space;
 
 /// Of two kinds of grasp in one file the first is taken: they are two skills.
 const TAG: &str = "pick_top";
@@ -36,9 +37,11 @@ pub struct SkillSet {
     moving: Vec<Range<usize>>,
 }
 
+/// What tells the layouts of a JSON file apart.
 #[derive(Deserialize)]
-struct Kind {
+struct Header {
     schema: Option<String>,
+    manifold: Option<String>,
     demonstrations: Option<Vec<Tagged>>,
 }
 
@@ -56,6 +59,11 @@ impl SkillSet {
     pub fn cut_rest(&mut self, skill: &Skill) -> Result<(), DemonstrationError> {
         self.moving = moving_ranges(&self.demonstrations, &skill.smoothing, &skill.scale)?;
         Ok(())
+    }
+
+    /// Where it lives.
+    pub(crate) fn space(&self) -> Space {
+        Space::of(self.manifold)
     }
 
     /// Whether the thesis learned it with other frames than its demonstrations have: then it is one of
@@ -81,61 +89,48 @@ impl SkillSet {
 /// [`FileError`], naming the path: it is missing or no folder, holds no skill in a known layout,
 /// or a file of it is refused.
 pub fn read_dataset(folder: &Path) -> Result<Vec<SkillSet>, FileError> {
-    let fail = |problem: String| FileError::Input {
-        path: folder.into(),
-        place: "data set".into(),
-        problem,
-    };
+    let fail =
+        |problem| Err(FileError::Input { path: folder.into(), place: "data set".into(), problem });
     if !folder.is_dir() {
         let found = if folder.exists() { "a file" } else { "nothing" };
-        return Err(fail(format!("expected a folder, found {found}")));
+        return fail(format!("expected a folder, found {found}"));
     }
-    let entries = sorted(folder)?;
     let mut skills = Vec::new();
-    let own = demonstration_files(&entries)?;
-    if !own.is_empty() {
-        skills.push(skill_set(&own)?);
-    }
-    for path in &entries {
+    skills.extend(skill_set(folder)?);
+    for path in sorted(folder)? {
         if path.is_dir() {
-            let files = demonstration_files(&sorted(path)?)?;
-            if !files.is_empty() {
-                skills.push(skill_set(&files)?);
-            }
-        } else if has_extension(path, "mat") {
-            skills.push(of(load(path, &Selection::default())?));
-        } else if has_extension(path, "json") && !own.contains(path) {
-            let kind = kind(path)?;
-            let Some(demonstrations) = kind.demonstrations else { continue };
+            skills.extend(skill_set(&path)?);
+        } else if has_extension(&path, "mat") {
+            skills.push(of(load(&path, &Selection::default())?));
+        } else if has_extension(&path, "json")
+            && let Some(demonstrations) = header(&path)?.demonstrations
+        {
             let tagged = demonstrations.iter().any(|d| d.tag.as_deref() == Some(TAG));
             let tag = tagged.then(|| TAG.to_owned());
             let selection = Selection { tag, ..Selection::default() };
-            let mut set = of(load(path, &selection)?);
-            set.as_published = load(path, &Selection { reference_frames: true, ..selection })?;
+            let mut set = of(load(&path, &selection)?);
+            set.as_published = load(&path, &Selection { reference_frames: true, ..selection })?;
             skills.push(set);
         }
     }
     if skills.is_empty() {
-        return Err(fail(
+        return fail(
             "expected a folder of demonstrations a skill, or files of the thesis' layout (.json) \
              or of LASA (.mat), found none of them"
                 .into(),
-        ));
+        );
     }
     skills.sort_by(|a, b| a.name.cmp(&b.name));
     if let Some(pair) = skills.windows(2).find(|pair| pair[0].name == pair[1].name) {
-        return Err(fail(format!("expected skills that differ, found `{}` twice", pair[0].name)));
+        return fail(format!("expected skills that differ, found `{}` twice", pair[0].name));
     }
     Ok(skills)
 }
 
 fn sorted(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
-    let unreadable = |source| FileError::Read { path: folder.into(), source };
-    let entries = std::fs::read_dir(folder).map_err(unreadable)?;
-    let mut paths = Vec::new();
-    for entry in entries {
-        paths.push(entry.map_err(unreadable)?.path());
-    }
+    let paths = std::fs::read_dir(folder)
+        .and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>, _>>());
+    let mut paths = paths.map_err(|source| FileError::Read { path: folder.into(), source })?;
     paths.sort();
     Ok(paths)
 }
@@ -144,48 +139,36 @@ fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
-fn kind(path: &Path) -> Result<Kind, FileError> {
+fn header(path: &Path) -> Result<Header, FileError> {
     serde_json::from_str(&read_text(path)?)
         .map_err(|e| FileError::syntax(path, e.line(), e.column(), e.to_string()))
 }
 
-/// The `tprmp-demonstration/1` files among these.
-fn demonstration_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, FileError> {
-    let mut files = Vec::new();
-    for path in paths.iter().filter(|path| path.is_file() && has_extension(path, "json")) {
-        if kind(path)?.schema.as_deref() == Some(SCHEMA) {
-            files.push(path.clone());
+/// The skill of the `tprmp-demonstration/1` files in a folder, if there are any.
+fn skill_set(folder: &Path) -> Result<Option<SkillSet>, FileError> {
+    let mut demonstrations: Vec<Demonstration> = Vec::new();
+    for file in sorted(folder)?.iter().filter(|f| f.is_file() && has_extension(f, "json")) {
+        let header = header(file)?;
+        if header.schema.as_deref() != Some(SCHEMA) {
+            continue;
         }
-    }
-    Ok(files)
-}
-
-fn skill_set(files: &[PathBuf]) -> Result<SkillSet, FileError> {
-    #[derive(Deserialize)]
-    struct Space {
-        manifold: String,
-    }
-    let mut demonstrations: Vec<Demonstration> = Vec::with_capacity(files.len());
-    for file in files {
-        let space: Space = serde_json::from_str(&read_text(file)?)
-            .map_err(|e| FileError::syntax(file, e.line(), e.column(), e.to_string()))?;
-        let [start, goal] =
-            if space.manifold == "R2" { ["start", "end"] } else { ["ee_start", "object"] };
-        let shown = read(file, start, goal)?;
+        let planar = header.manifold.as_deref() == Some("R2");
+        let [start, goal] = if planar { ["start", "end"] } else { ["ee_start", "object"] };
+        let demonstration = read(file, start, goal)?;
         if let Some(first) = demonstrations.first()
-            && (&first.skill, first.manifold) != (&shown.skill, shown.manifold)
+            && (&first.skill, first.manifold) != (&demonstration.skill, demonstration.manifold)
         {
-            let problem = format!("expected `{}`, found `{}`", first.skill, shown.skill);
+            let problem = format!("expected `{}`, found `{}`", first.skill, demonstration.skill);
             return Err(FileError::key(file, "skill", problem));
         }
-        demonstrations.push(shown);
+        demonstrations.push(demonstration);
     }
-    Ok(of(demonstrations))
+    Ok((!demonstrations.is_empty()).then(|| of(demonstrations)))
 }
 
 /// A skill of demonstrations, of which there is at least one.
 fn of(demonstrations: Vec<Demonstration>) -> SkillSet {
     let (name, manifold) = (demonstrations[0].skill.clone(), demonstrations[0].manifold);
-    let moving = demonstrations.iter().map(|shown| 0..shown.poses.len()).collect();
+    let moving = demonstrations.iter().map(|d| 0..d.poses.len()).collect();
     SkillSet { name, manifold, as_published: demonstrations.clone(), demonstrations, moving }
 }

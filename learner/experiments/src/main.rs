@@ -4,7 +4,7 @@ use std::io::Write as _;
 use std::process::ExitCode;
 
 use clap::Parser;
-use tprmp_experiments::{Options, run};
+use tprmp_experiments::run::{Options, run};
 
 /// Repeat the thesis' experiments, and harder ones, on a set of demonstrations
 #[derive(Parser)]

@@ -3,9 +3,9 @@
 use glam::DVec3;
 
 /// The thesis stops a rollout that has got under way when it is slower than this [m/s] …
-pub const STOP_SPEED_M_S: f64 = 0.05;
+pub(crate) const STOP_SPEED_M_S: f64 = 0.05;
 /// … for so many steps.
-pub const STOP_STEPS: usize = 10;
+pub(crate) const STOP_STEPS: usize = 10;
 
 /// The thesis' tracking figure, which it calls a mean square error: the mean distance of each pose to
 /// the nearest demonstrated point, and of what of the demonstration comes behind the point nearest to
@@ -13,8 +13,7 @@ pub const STOP_STEPS: usize = 10;
 ///
 /// # Panics
 /// When one of them is empty.
-#[must_use]
-pub fn thesis_tracking(path: &[DVec3], demonstration: &[DVec3]) -> f64 {
+pub(crate) fn thesis_tracking(path: &[DVec3], demonstration: &[DVec3]) -> f64 {
     let nearest = |p: &DVec3| {
         let distances = demonstration.iter().map(|d| (*p - *d).length());
         distances.enumerate().fold((0, f64::INFINITY), |a, b| if b.1 < a.1 { b } else { a })
@@ -31,16 +30,14 @@ pub fn thesis_tracking(path: &[DVec3], demonstration: &[DVec3]) -> f64 {
 ///
 /// # Panics
 /// When one of them is empty.
-#[must_use]
-pub fn time_aligned_mse_m2(path: &[DVec3], demonstration: &[DVec3]) -> f64 {
+pub(crate) fn time_aligned_mse_m2(path: &[DVec3], demonstration: &[DVec3]) -> f64 {
     let at = |i: usize| path[i.min(path.len() - 1)];
     let square = |(i, d): (usize, &DVec3)| (at(i) - *d).length_squared();
     demonstration.iter().enumerate().map(square).sum::<f64>() / demonstration.len() as f64
 }
 
 /// Points of a path at even times `step_s`, which were sampled every `sampling_time_s`.
-#[must_use]
-pub fn resampled(points: &[DVec3], sampling_time_s: f64, step_s: f64) -> Vec<DVec3> {
+pub(crate) fn resampled(points: &[DVec3], sampling_time_s: f64, step_s: f64) -> Vec<DVec3> {
     let last = points.len() - 1;
     let count = (last as f64 * sampling_time_s / step_s).round() as usize;
     (0..=count)
@@ -54,8 +51,7 @@ pub fn resampled(points: &[DVec3], sampling_time_s: f64, step_s: f64) -> Vec<DVe
 
 /// Quantile of values by linear interpolation between the sorted ones; not a number counts as
 /// infinite. `None` without values.
-#[must_use]
-pub fn quantile(values: &[f64], fraction: f64) -> Option<f64> {
+pub(crate) fn quantile(values: &[f64], fraction: f64) -> Option<f64> {
     let mut sorted: Vec<f64> =
         values.iter().map(|x| if x.is_nan() { f64::INFINITY } else { *x }).collect();
     sorted.sort_by(f64::total_cmp);

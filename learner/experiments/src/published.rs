@@ -2,6 +2,8 @@
 
 use serde::Deserialize;
 
+use crate::experiment::{Experiment, PolicyKind};
+
 #[derive(Deserialize)]
 struct File {
     #[serde(rename = "source")]
@@ -12,32 +14,40 @@ struct File {
 /// The medians of a figure.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Published {
+pub(crate) struct Published {
     /// Number of the figure.
-    pub figure: String,
-    /// The experiment here that repeats it.
-    pub experiment: String,
+    pub(crate) figure: String,
+    /// The experiment here that repeats it …
+    pub(crate) experiment: Experiment,
+    /// … with this policy.
+    pub(crate) policy: PolicyKind,
     /// What was varied.
-    pub x: Vec<f64>,
+    pub(crate) x: Vec<f64>,
     /// Medians.
-    pub median: Vec<f64>,
+    pub(crate) median: Vec<f64>,
 }
 
 /// All figures with numbers.
 ///
 /// # Panics
 /// Never: the file is part of the program and tested.
-#[must_use]
-pub fn published() -> Vec<Published> {
+pub(crate) fn published() -> Vec<Published> {
     let file: File =
         serde_json::from_str(include_str!("published.json")).expect("the file is well formed");
     file.figures
 }
 
-/// The published median of an experiment at a value of what was varied.
-#[must_use]
-pub fn at(figures: &[Published], experiment: &str, x: f64) -> Option<f64> {
-    let figure = figures.iter().find(|figure| figure.experiment == experiment)?;
+/// The figure of the thesis' policy in an experiment.
+pub(crate) fn of(figures: &[Published], experiment: Experiment) -> Option<&Published> {
+    let own = |figure: &&Published| {
+        figure.experiment == experiment && figure.policy == PolicyKind::Thesis
+    };
+    figures.iter().find(own)
+}
+
+/// The published median of the thesis' policy in an experiment, at a value of what was varied.
+pub(crate) fn at(figures: &[Published], experiment: Experiment, x: f64) -> Option<f64> {
+    let figure = of(figures, experiment)?;
     let i = figure.x.iter().position(|own| (own - x).abs() < 1e-9)?;
     figure.median.get(i).copied()
 }
@@ -51,7 +61,7 @@ mod tests {
         let figures = published();
         assert!(figures.len() >= 11);
         assert!(figures.iter().all(|f| f.x.len() == f.median.len() && !f.x.is_empty()));
-        assert_eq!(at(&figures, "tracking", 9.0), Some(0.088));
-        assert_eq!(at(&figures, "tracking", 8.0), None);
+        assert_eq!(at(&figures, Experiment::Tracking, 9.0), Some(0.088));
+        assert_eq!(at(&figures, Experiment::Tracking, 8.0), None);
     }
 }

@@ -1,64 +1,36 @@
 //! What the policies must do, and whether they did.
 
-use super::metric::quantile;
-use super::models::{Kind, Models};
-use super::published::Published;
-use super::results::Row;
+use crate::experiment::{Experiment, PolicyKind, Space};
+use crate::metric::quantile;
+use crate::models::{Models, Trained};
+use crate::published::{self, Published};
+use crate::results::Row;
 
 /// Longest training of a planar skill and of the pick [s].
 const TRAINING_MAX_S: [f64; 2] = [1.0, 3.0];
-
 /// How far medians of the thesis' policy may be from the published ones, as a fraction of them.
 const REPRODUCED_FRACTION: f64 = 0.1;
+/// How near a goal must be reached: as demonstrated, moving or displaced, beside an obstacle [m].
+const STILL_M: f64 = 0.001;
+const MOVING_M: f64 = 0.005;
+const OBSTACLE_M: f64 = 0.01;
 
-/// One demand and what was measured.
+/// One requirement and what was measured.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Verdict {
-    /// What is demanded.
-    pub demand: String,
+pub(crate) struct Verdict {
+    pub(crate) requirement: String,
     /// What was measured, with n.
-    pub measured: String,
+    pub(crate) measured: String,
     /// Whether it holds; `None` when nothing was measured.
-    pub holds: Option<bool>,
+    pub(crate) holds: Option<bool>,
     /// Who failed: skill, setting and seed.
-    pub failures: Vec<String>,
+    pub(crate) failures: Vec<String>,
 }
 
-/// Rows of the default policy, with the number of Gaussians of its skill file where that is varied.
-fn own<'a>(rows: &'a [Row], experiments: &[&str], components: [usize; 2]) -> Vec<&'a Row> {
-    rows.iter()
-        .filter(|row| {
-            row.policy == Kind::Canonical.name()
-                && experiments.contains(&row.experiment.as_str())
-                && row.components == components[usize::from(row.experiment.starts_with("pick"))]
-        })
-        .collect()
-}
+const UNMEASURED: &str = "not measured on this data set";
 
 fn named(row: &Row) -> String {
     format!("{} ({}, {} {}, seed {})", row.skill, row.setting, "run", row.instance + 1, row.seed)
-}
-
-/// All of these rows must hold.
-fn all(
-    demand: &str,
-    rows: &[&Row],
-    measured: impl Fn(&[&Row]) -> String,
-    holds: impl Fn(&Row) -> bool,
-) -> Verdict {
-    let failures: Vec<String> =
-        rows.iter().filter(|row| !holds(row)).map(|row| named(row)).collect();
-    let n = rows.len();
-    Verdict {
-        demand: demand.into(),
-        measured: if n == 0 {
-            "not measured on this data set".into()
-        } else {
-            format!("{} of n = {n}; {}", n - failures.len(), measured(rows))
-        },
-        holds: (n > 0).then_some(failures.is_empty()),
-        failures,
-    }
 }
 
 fn worst(rows: &[&Row], value: impl Fn(&Row) -> Option<f64>) -> f64 {
@@ -75,16 +47,23 @@ fn mm(metres: f64) -> String {
     if metres.is_finite() { format!("{:.3} mm", metres * 1e3) } else { "diverged".into() }
 }
 
+fn within(row: &Row, metres: f64) -> bool {
+    row.goal_error_m.is_some_and(|error| error <= metres)
+}
+
+fn worst_goal(rows: &[&Row]) -> String {
+    format!("worst {}", mm(worst(rows, |row| row.goal_error_m)))
+}
+
 /// Whether the thesis' policy does on the thesis' own skills what was published (figure 5.3a): medians
 /// of the tracking metric, from the start of the first demonstration.
-#[must_use]
-pub fn reproduction(rows: &[Row], figures: &[Published]) -> Verdict {
+pub(crate) fn reproduction(rows: &[Row], figures: &[Published]) -> Verdict {
     let (mut measured, mut failures, mut n) = (Vec::new(), Vec::new(), 0);
-    for figure in figures.iter().filter(|figure| figure.experiment == "tracking") {
+    if let Some(figure) = published::of(figures, Experiment::Tracking) {
         for (k, published) in figure.x.iter().zip(&figure.median) {
             let own: Vec<&Row> = rows
                 .iter()
-                .filter(|row| row.policy == Kind::Thesis.name() && row.experiment == "tracking")
+                .filter(|row| row.policy == figure.policy && row.experiment == figure.experiment)
                 .filter(|row| row.x == *k && row.instance == 0)
                 .collect();
             n += own.len();
@@ -99,7 +78,8 @@ pub fn reproduction(rows: &[Row], figures: &[Published]) -> Verdict {
         }
     }
     Verdict {
-        demand: "the thesis' policy: medians of its tracking within 10 % of the published".into(),
+        requirement: "the thesis' policy: medians of its tracking within 10 % of the published"
+            .into(),
         measured: format!("{}; n = {n}", measured.join("; ")),
         holds: (n > 0).then_some(failures.is_empty()),
         failures,
@@ -108,153 +88,200 @@ pub fn reproduction(rows: &[Row], figures: &[Published]) -> Verdict {
 
 /// The table of what the default policy must do. `components`: its number of Gaussians, planar and
 /// in space.
-#[must_use]
-pub fn verdicts(rows: &[Row], models: &Models, components: [usize; 2]) -> Vec<Verdict> {
-    let of = |experiments: &[&str]| own(rows, experiments, components);
-    let goal = |row: &Row| row.goal_error_m;
-    let worst_goal = |rows: &[&Row]| format!("worst {}", mm(worst(rows, goal)));
-    let within = |row: &Row, metres: f64| row.goal_error_m.is_some_and(|error| error <= metres);
-    let tracking = of(&["tracking"]);
-    let mut table = vec![all("tracking: every goal within 1 mm", &tracking, worst_goal, |row| {
-        within(row, 0.001)
-    })];
-    let mut summary = |demand: &str, rows: &[&Row], value: f64, most: f64, unit: &str| {
-        table.push(Verdict {
-            demand: demand.into(),
-            measured: if rows.is_empty() {
-                "not measured on this data set".into()
+pub(crate) fn verdicts(rows: &[Row], models: &Models, components: [usize; 2]) -> Vec<Verdict> {
+    let own = |row: &&Row| row.policy == PolicyKind::Canonical;
+    let mut table =
+        Table { rows: rows.iter().filter(own).collect(), components, verdicts: Vec::new() };
+    table.tracking();
+    table.goals();
+    table.obstacles();
+    table.pick();
+    table.stability();
+    table.verdicts.push(training(models, components));
+    table.verdicts
+}
+
+struct Table<'a> {
+    /// Of the default policy.
+    rows: Vec<&'a Row>,
+    components: [usize; 2],
+    verdicts: Vec<Verdict>,
+}
+
+impl<'a> Table<'a> {
+    /// Rows with the number of Gaussians of the skill file.
+    fn of(&self, experiments: &[Experiment]) -> Vec<&'a Row> {
+        let own = |row: &&&Row| {
+            experiments.contains(&row.experiment)
+                && row.components == self.components[row.experiment.space() as usize]
+        };
+        self.rows.iter().filter(own).copied().collect()
+    }
+
+    /// All of these rows must hold.
+    fn all(
+        &mut self,
+        requirement: &str,
+        rows: &[&Row],
+        measured: impl Fn(&[&Row]) -> String,
+        holds: impl Fn(&Row) -> bool,
+    ) {
+        let failures: Vec<String> =
+            rows.iter().filter(|row| !holds(row)).map(|row| named(row)).collect();
+        let n = rows.len();
+        let count = n - failures.len();
+        self.verdicts.push(Verdict {
+            requirement: requirement.into(),
+            measured: if n == 0 {
+                UNMEASURED.into()
             } else {
-                format!("{value:.4}{unit}, n = {}", rows.len())
+                format!("{count} of n = {n}; {}", measured(rows))
             },
-            holds: (!rows.is_empty()).then_some(value <= most),
+            holds: (n > 0).then_some(failures.is_empty()),
+            failures,
+        });
+    }
+
+    /// A figure of these rows must not be larger.
+    fn at_most(&mut self, requirement: &str, rows: &[&Row], value: f64, most: f64, unit: &str) {
+        let n = rows.len();
+        self.verdicts.push(Verdict {
+            requirement: requirement.into(),
+            measured: if n == 0 { UNMEASURED.into() } else { format!("{value:.4}{unit}, n = {n}") },
+            holds: (n > 0).then_some(value <= most),
             failures: Vec::new(),
         });
-    };
-    let shown: Vec<&Row> = tracking.iter().copied().filter(|row| row.instance == 0).collect();
-    let thesis = median(&shown, |row| row.thesis_metric);
-    summary("tracking: median of the thesis' metric at most 0.02 m", &shown, thesis, 0.02, " m");
-    // As in the thesis from the start of the first demonstration; then from all of them, which also
-    // says how alike they are.
-    for (whose, rows) in [("first demonstration", &shown), ("all demonstrations", &tracking)] {
-        let mse = median(rows, |row| row.time_aligned_mse_m2);
-        let demand = format!("tracking, {whose}: median time-aligned MSE at most 0.003 m²");
-        summary(&demand, rows, mse, 0.003, " m²");
-        let mse = worst(rows, |row| row.time_aligned_mse_m2);
-        let demand = format!("tracking, {whose}: largest time-aligned MSE at most 0.02 m²");
-        summary(&demand, rows, mse, 0.02, " m²");
     }
-    for (demand, experiments) in [
-        ("moving goal, r = 0.1 … 0.9 m: every goal within 5 mm", vec!["radius", "adaptation"]),
-        ("static displaced goals: every goal within 5 mm", vec!["static_goal"]),
-        ("noisy starts: every goal within 5 mm", vec!["start_noise"]),
-        (
-            "frames turned and turning by up to ±90°: every goal within 5 mm",
-            vec!["turned_frames", "turning_frames"],
-        ),
-        ("orthogonal push, 10 … 90 N: every goal within 5 mm", vec!["disturbance"]),
-    ] {
-        table.push(all(demand, &of(&experiments), worst_goal, |row| within(row, 0.005)));
+
+    fn tracking(&mut self) {
+        let all = self.of(&[Experiment::Tracking]);
+        self.all("tracking: every goal within 1 mm", &all, worst_goal, |row| within(row, STILL_M));
+        let first: Vec<&Row> = all.iter().copied().filter(|row| row.instance == 0).collect();
+        let thesis = median(&first, |row| row.thesis_metric);
+        let requirement = "tracking: median of the thesis' metric at most 0.02 m";
+        self.at_most(requirement, &first, thesis, 0.02, " m");
+        // As in the thesis from the start of the first demonstration; then from all of them, which also
+        // says how alike they are.
+        for (whose, rows) in [("first demonstration", &first), ("all demonstrations", &all)] {
+            let mse = median(rows, |row| row.time_aligned_mse_m2);
+            let requirement =
+                format!("tracking, {whose}: median time-aligned MSE at most 0.003 m²");
+            self.at_most(&requirement, rows, mse, 0.003, " m²");
+            let mse = worst(rows, |row| row.time_aligned_mse_m2);
+            let requirement =
+                format!("tracking, {whose}: largest time-aligned MSE at most 0.02 m²");
+            self.at_most(&requirement, rows, mse, 0.02, " m²");
+        }
     }
-    let feasible: Vec<&Row> = of(&["obstacle"]).into_iter().filter(|row| row.feasible).collect();
-    let clearance = |rows: &[&Row]| {
-        let least = rows.iter().filter_map(|row| row.clearance_min_m).fold(f64::INFINITY, f64::min);
-        format!("least clearance {}", mm(least))
-    };
-    table.push(all(
-        "obstacle, R = 0.1 … 0.9 m, feasible cases: no contact",
-        &feasible,
-        clearance,
-        |row| !row.collided,
-    ));
-    table.push(all(
-        "obstacle, feasible cases: every goal within 1 cm",
-        &feasible,
-        worst_goal,
-        |row| within(row, 0.01),
-    ));
-    let acceleration = |row: &Row| row.acceleration_max_m_s2;
-    let fastest = |rows: &[&Row]| format!("largest {:.1} m/s²", worst(rows, acceleration));
-    table.push(all(
-        "obstacle, feasible cases: acceleration under 40 m/s²",
-        &feasible,
-        fastest,
-        |row| acceleration(row).is_some_and(|a| a < 40.0),
-    ));
-    let still =
-        |row: &Row| within(row, 0.001) && row.goal_error_deg.is_none_or(|degrees| degrees <= 0.1);
-    let with_angle = |rows: &[&Row]| {
-        let degrees = worst(rows, |row| row.goal_error_deg);
-        format!("worst {}, {degrees:.4}°", mm(worst(rows, goal)))
-    };
-    table.push(all(
-        "pick, object at rest, moving, turning, arm pushed: every goal within 1 mm and 0.1°",
-        &of(&[
-            "pick_tracking",
-            "pick_adaptation",
-            "pick_radius",
-            "pick_turning",
-            "pick_disturbance",
-        ]),
-        with_angle,
-        still,
-    ));
-    let rms = |rows: &[&Row]| {
-        let most = |i: usize| worst(rows, |row| row.tracking_rms.map(|rms| rms[i]));
-        format!("worst {}, {:.3}°", mm(most(0)), most(1))
-    };
-    table.push(all(
-        "pick: tracking rms under 6 mm and 0.5°",
-        &of(&["pick_tracking"]),
-        rms,
-        |row| row.tracking_rms.is_some_and(|[metres, degrees]| metres < 0.006 && degrees < 0.5),
-    ));
-    let stable: Vec<&Row> = rows
-        .iter()
-        .filter(|row| row.policy == Kind::Canonical.name())
-        .filter(|row| ["energy", "random_starts"].contains(&row.experiment.as_str()))
-        .collect();
-    let rise = |rows: &[&Row]| format!("largest {:.1e}", worst(rows, |row| row.energy_rise_max));
-    table.push(all(
-        "V, frames at rest, 100 Hz and 1 kHz: rise in a step under 1e-9 of its fall",
-        &stable,
-        rise,
-        |row| row.energy_rise_max.is_some_and(|rise| rise < 1e-9),
-    ));
-    let starts: Vec<&Row> =
-        stable.into_iter().filter(|row| row.experiment == "random_starts").collect();
-    let reached = |rows: &[&Row]| {
-        let sum =
-            |i: usize| rows.iter().filter_map(|r| r.starts_reached).map(|s| s[i]).sum::<u32>();
-        format!("{} of {} starts", sum(0), sum(1))
-    };
-    table.push(all("random starts: all reach the goal, every skill", &starts, reached, |row| {
-        row.reached
-    }));
-    table.push(training(models, components));
-    table
+
+    fn goals(&mut self) {
+        use Experiment::{
+            Adaptation, Disturbance, Radius, StartNoise, StaticGoal, TurnedFrames, TurningFrames,
+        };
+        let requirements: [(&str, &[Experiment]); 5] = [
+            ("moving goal, r = 0.1 … 0.9 m: every goal within 5 mm", &[Radius, Adaptation]),
+            ("static displaced goals: every goal within 5 mm", &[StaticGoal]),
+            ("noisy starts: every goal within 5 mm", &[StartNoise]),
+            (
+                "frames turned and turning by up to ±90°: every goal within 5 mm",
+                &[TurnedFrames, TurningFrames],
+            ),
+            ("orthogonal push, 10 … 90 N: every goal within 5 mm", &[Disturbance]),
+        ];
+        for (requirement, experiments) in requirements {
+            let rows = self.of(experiments);
+            self.all(requirement, &rows, worst_goal, |row| within(row, MOVING_M));
+        }
+    }
+
+    fn obstacles(&mut self) {
+        let mut rows = self.of(&[Experiment::Obstacle]);
+        rows.retain(|row| row.feasible);
+        let clearance = |rows: &[&Row]| {
+            let clearances = rows.iter().filter_map(|row| row.clearance_min_m);
+            format!("least clearance {}", mm(clearances.fold(f64::INFINITY, f64::min)))
+        };
+        let requirement = "obstacle, R = 0.1 … 0.9 m, feasible cases: no contact";
+        self.all(requirement, &rows, clearance, |row| !row.collided);
+        let requirement = "obstacle, feasible cases: every goal within 1 cm";
+        self.all(requirement, &rows, worst_goal, |row| within(row, OBSTACLE_M));
+        let fastest = |rows: &[&Row]| {
+            format!("largest {:.1} m/s²", worst(rows, |row| row.acceleration_max_m_s2))
+        };
+        let requirement = "obstacle, feasible cases: acceleration under 40 m/s²";
+        self.all(requirement, &rows, fastest, |row| {
+            row.acceleration_max_m_s2.is_some_and(|a| a < 40.0)
+        });
+    }
+
+    fn pick(&mut self) {
+        let rows = self.of(&[
+            Experiment::PickTracking,
+            Experiment::PickAdaptation,
+            Experiment::PickRadius,
+            Experiment::PickTurning,
+            Experiment::PickDisturbance,
+        ]);
+        let with_angle = |rows: &[&Row]| {
+            format!("{}, {:.4}°", worst_goal(rows), worst(rows, |row| row.goal_error_deg))
+        };
+        let requirement =
+            "pick, object at rest, moving, turning, arm pushed: every goal within 1 mm and 0.1°";
+        self.all(requirement, &rows, with_angle, |row| {
+            within(row, STILL_M) && row.goal_error_deg.is_none_or(|degrees| degrees <= 0.1)
+        });
+        let rms = |rows: &[&Row]| {
+            let most = |i: usize| worst(rows, |row| row.tracking_rms.map(|rms| rms[i]));
+            format!("worst {}, {:.3}°", mm(most(0)), most(1))
+        };
+        let rows = self.of(&[Experiment::PickTracking]);
+        self.all("pick: tracking rms under 6 mm and 0.5°", &rows, rms, |row| {
+            row.tracking_rms.is_some_and(|[metres, degrees]| metres < 0.006 && degrees < 0.5)
+        });
+    }
+
+    fn stability(&mut self) {
+        let of = |experiments: &[Experiment]| -> Vec<&Row> {
+            let own = |row: &&&Row| experiments.contains(&row.experiment);
+            self.rows.iter().filter(own).copied().collect()
+        };
+        let (all, starts) =
+            (of(&[Experiment::Energy, Experiment::RandomStarts]), of(&[Experiment::RandomStarts]));
+        let rise =
+            |rows: &[&Row]| format!("largest {:.1e}", worst(rows, |row| row.energy_rise_max));
+        let requirement =
+            "V, frames at rest, 100 Hz and 1 kHz: rise in a step under 1e-9 of its fall";
+        self.all(requirement, &all, rise, |row| row.energy_rise_max.is_some_and(|r| r < 1e-9));
+        let reached = |rows: &[&Row]| {
+            let sum =
+                |i: usize| rows.iter().filter_map(|r| r.starts_reached).map(|s| s[i]).sum::<u32>();
+            format!("{} of {} starts", sum(0), sum(1))
+        };
+        let requirement = "random starts: all reach the goal, every skill";
+        self.all(requirement, &starts, reached, |row| row.reached);
+    }
 }
 
 /// Training time, certificate included.
 fn training(models: &Models, components: [usize; 2]) -> Verdict {
+    let space = |trained: &Trained| Space::of(trained.model.manifold) as usize;
     let own: Vec<_> = models
         .trained
         .iter()
-        .filter(|((kind, count, _), trained)| {
-            let pick = trained.model.manifold.has_orientation();
-            *kind == Kind::Canonical && *count == components[usize::from(pick)] && trained.examined
+        .filter(|((policy, count, _), trained)| {
+            *policy == PolicyKind::Canonical
+                && *count == components[space(trained)]
+                && trained.examined
         })
         .collect();
-    let most = |trained: &super::models::Trained| {
-        TRAINING_MAX_S[usize::from(trained.model.manifold.has_orientation())]
-    };
     let failures: Vec<String> = own
         .iter()
-        .filter(|(_, trained)| trained.training_s > most(trained))
+        .filter(|(_, trained)| trained.training_s > TRAINING_MAX_S[space(trained)])
         .map(|((_, _, skill), trained)| format!("{skill} ({:.2} s)", trained.training_s))
         .collect();
     let times: Vec<f64> = own.iter().map(|(_, trained)| trained.training_s).collect();
     Verdict {
-        demand: "training: a planar skill under 1 s, the pick under 3 s, certificate included"
+        requirement: "training: a planar skill under 1 s, the pick under 3 s, certificate included"
             .into(),
         measured: format!(
             "median {:.2} s, longest {:.2} s, n = {}, one after the other on all cores",
@@ -271,17 +298,14 @@ fn training(models: &Models, components: [usize; 2]) -> Verdict {
 mod tests {
     use super::*;
 
-    fn row(experiment: &str, error: Option<f64>) -> Row {
+    fn row(experiment: Experiment, error: Option<f64>) -> Row {
         Row {
-            experiment: experiment.into(),
-            policy: "canonical".into(),
             skill: "S".into(),
             components: 9,
-            feasible: true,
             goal_error_m: error,
             thesis_metric: Some(0.01),
             time_aligned_mse_m2: Some(0.001),
-            ..Row::default()
+            ..Row::new(experiment, PolicyKind::Canonical)
         }
     }
 
@@ -289,18 +313,17 @@ mod tests {
     fn published_medians_are_reproduced_within_a_tenth() {
         let figure = Published {
             figure: "5.3a".into(),
-            experiment: "tracking".into(),
+            experiment: Experiment::Tracking,
+            policy: PolicyKind::Thesis,
             x: vec![5.0, 9.0],
             median: vec![0.1, 0.2],
         };
         let rows = |metrics: [f64; 2]| -> Vec<Row> {
             std::iter::zip([5.0, 9.0], metrics)
                 .map(|(x, metric)| Row {
-                    policy: "thesis".into(),
-                    experiment: "tracking".into(),
                     x,
                     thesis_metric: Some(metric),
-                    ..Row::default()
+                    ..Row::new(Experiment::Tracking, PolicyKind::Thesis)
                 })
                 .collect()
         };
@@ -315,10 +338,13 @@ mod tests {
 
     #[test]
     fn a_failure_is_named_and_a_diverged_row_fails() {
-        let rows =
-            vec![row("tracking", Some(1e-6)), row("radius", Some(0.004)), row("radius", None)];
+        let rows = vec![
+            row(Experiment::Tracking, Some(1e-6)),
+            row(Experiment::Radius, Some(0.004)),
+            row(Experiment::Radius, None),
+        ];
         let table = verdicts(&rows, &Models::default(), [9, 15]);
-        let of = |start: &str| table.iter().find(|v| v.demand.starts_with(start)).unwrap();
+        let of = |start: &str| table.iter().find(|v| v.requirement.starts_with(start)).unwrap();
         assert_eq!(of("tracking: every").holds, Some(true));
         let moving = of("moving goal");
         assert_eq!(moving.holds, Some(false));
@@ -329,8 +355,9 @@ mod tests {
 
     #[test]
     fn rows_of_other_policies_do_not_count() {
-        let other = Row { policy: "thesis".into(), ..row("tracking", None) };
-        let table = verdicts(&[other, row("tracking", Some(0.0))], &Models::default(), [9, 15]);
+        let other = Row { policy: PolicyKind::Thesis, ..row(Experiment::Tracking, None) };
+        let table =
+            verdicts(&[other, row(Experiment::Tracking, Some(0.0))], &Models::default(), [9, 15]);
         assert_eq!(table[0].holds, Some(true));
     }
 }

@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use tprmp_experiments::baselines::{Dmp, Lqr, Pd};
+use tprmp_experiments::baselines::dmp::Dmp;
+use tprmp_experiments::baselines::lqr::Lqr;
+use tprmp_experiments::baselines::pd::Pd;
+use tprmp_experiments::conditions::Conditions;
 use tprmp_experiments::dataset::{SkillSet, read_dataset};
-use tprmp_experiments::protocol::shown_course;
-use tprmp_experiments::world::{Course, run};
+use tprmp_experiments::world::run;
 use tprmp_learner::skill::Skill;
 use tprmp_learner::train::learn;
 
@@ -47,9 +49,9 @@ fn a_bad_data_set_is_an_error_that_names_it() {
         (mixed.path(), "expected `C`, found `S`"),
     ] {
         let output = experiments(&["--dataset", path.to_str().unwrap()]);
-        let told = String::from_utf8_lossy(&output.stderr);
+        let message = String::from_utf8_lossy(&output.stderr);
         assert!(!output.status.success());
-        assert!(told.contains(expected), "{}: {told}", path.display());
+        assert!(message.contains(expected), "{}: {message}", path.display());
     }
 }
 
@@ -67,30 +69,54 @@ fn the_shipped_data_set_has_skills_with_frames_that_differ() {
 }
 
 #[test]
+fn frames_with_which_the_thesis_learned_are_taken_where_a_file_has_them() {
+    let folder = Folder::new("experiments-reference");
+    let file = |reference: &str| {
+        let points: Vec<_> = (0..20).map(|i| format!("[0.0{i:02}, 3.5]")).collect();
+        let text = r#"{"name": "arc", "dt": 0.01, "manifold": "R2", "quaternion_order": "wxyz",
+            "demonstrations": [{"tag": "arc", REFERENCE
+              "frames": {"start": {"A": [[0.0, -1.0], [1.0, 0.0]], "b": [0.5, 1.0]},
+                         "end": {"A": [[1.0, 0.0], [0.0, 1.0]], "b": [1.9, 2.0]}},
+              "positions": [POINTS]}]}"#;
+        text.replace("REFERENCE", reference).replace("POINTS", &points.join(", "))
+    };
+    let frame = |x: f64| format!(r#"{{"A": [[1.0, 0.0], [0.0, 1.0]], "b": [{x}, 8.0]}}"#);
+    let both =
+        format!(r#""reference_frames": {{"start": {}, "end": {}}},"#, frame(7.0), frame(9.0));
+    for (reference, expected) in
+        [(both.as_str(), true), (r#""reference_frames": {},"#, false), ("", false)]
+    {
+        folder.write("C.json", &file(reference));
+        let skills = read_dataset(folder.path()).unwrap();
+        assert_eq!(skills[0].has_reference_frames(), expected, "{reference}");
+    }
+}
+
+#[test]
 fn baselines_reach_the_demonstrated_goal() {
     let set = skill("S");
-    let shown = &set.demonstrations[0];
-    let course = shown_course(&set, 0);
-    let positions: Vec<_> = shown.poses.iter().map(|pose| pose.position).collect();
+    let demonstration = &set.demonstrations[0];
+    let conditions = Conditions::demonstrated(&set, 0);
+    let positions: Vec<_> = demonstration.poses.iter().map(|pose| pose.position).collect();
     let end = positions[positions.len() - 1];
     // The published gains leave a damping ratio of 0.05: it swings for minutes.
     for (as_published, duration_s) in [(false, 20.0), (true, 400.0)] {
-        let course = Course { duration_s, ..course.clone() };
-        let mut pd = Pd::new(positions.clone(), shown.sampling_time_s, as_published);
-        let trace = run(&mut pd, &course);
-        let last = trace.path[trace.path.len() - 1].position;
+        let conditions = Conditions { duration_s, ..conditions.clone() };
+        let mut pd = Pd::new(positions.clone(), demonstration.sampling_time_s, as_published);
+        let outcome = run(&mut pd, &conditions);
+        let last = outcome.path[outcome.path.len() - 1].position;
         assert!((last - end).length() < 1e-3, "PD, as published: {as_published}, ends at {last}");
     }
     let dmp = Dmp::learn(&set.demonstrations);
-    let goal = course.frames[1].compose(&course.grasp).position;
-    let offset = goal - course.frames[1].position;
-    let trace = run(&mut dmp.follower(course.start.position, offset), &course);
-    assert!(trace.goal_error_m < 1e-3, "DMP ends {} m away", trace.goal_error_m);
+    let goal = conditions.frames[1].compose(&conditions.grasp).position;
+    let offset = goal - conditions.frames[1].position;
+    let outcome = run(&mut dmp.instance(conditions.start.pose.position, offset), &conditions);
+    assert!(outcome.goal_error_m < 1e-3, "DMP ends {} m away", outcome.goal_error_m);
     // A displaced goal too.
-    let mut displaced = course.clone();
+    let mut displaced = conditions.clone();
     displaced.frames[1].position.x += 0.5;
-    let trace = run(&mut dmp.follower(course.start.position, offset), &displaced);
-    assert!(trace.goal_error_m < 1e-3, "DMP ends {} m away", trace.goal_error_m);
+    let outcome = run(&mut dmp.instance(conditions.start.pose.position, offset), &displaced);
+    assert!(outcome.goal_error_m < 1e-3, "DMP ends {} m away", outcome.goal_error_m);
 }
 
 #[test]
@@ -102,7 +128,7 @@ fn the_regulator_comes_to_rest_in_its_last_gaussian() {
     file.certification.displaced_starts = 0;
     let model = learn(&file, &set.demonstrations, 1, &mut |_| {}).unwrap().model;
     let lqr = Lqr::new(&model, file.mixture.covariance_scale, 6.0);
-    let trace = run(&mut lqr.follower(), &shown_course(&set, 0));
-    assert!(trace.goal_error_m < 0.25, "{}", trace.goal_error_m);
-    assert!(trace.own_goal_error_m < 0.02, "{}", trace.own_goal_error_m);
+    let outcome = run(&mut lqr.instance(), &Conditions::demonstrated(&set, 0));
+    assert!(outcome.goal_error_m < 0.25, "{}", outcome.goal_error_m);
+    assert!(outcome.own_goal_error_m < 0.02, "{}", outcome.own_goal_error_m);
 }

@@ -9,8 +9,9 @@ use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
 use tprmp_spatial::{MovingPose, Pose};
 
 use crate::canonical::{CanonicalDemonstration, CanonicalSet};
-use crate::certify::policy::Learned;
-use crate::certify::rollout::{Course, Outcome, follow};
+use crate::certify::blocks::blocks;
+use crate::certify::policy::{Body, LearnedPolicy};
+use crate::certify::rollout::{Outcome, RolloutSpec, Target, follow};
 use crate::demonstration::Demonstration;
 use crate::skill::{Certification, Skill};
 
@@ -27,7 +28,7 @@ const GOAL_GRADIENT_MAX: f64 = 1e-6;
 
 /// A start with frames: one rollout of the certificate.
 struct Start {
-    frames: Vec<Pose>,
+    frames: Vec<MovingPose>,
     pose: Pose,
     goal: Pose,
 }
@@ -37,7 +38,7 @@ pub struct Certifier<'a> {
     skill: &'a Skill,
     demonstrations: &'a [Demonstration],
     set: &'a CanonicalSet,
-    policy: &'a Learned<'a>,
+    policy: &'a LearnedPolicy,
 }
 
 impl<'a> Certifier<'a> {
@@ -47,7 +48,7 @@ impl<'a> Certifier<'a> {
         skill: &'a Skill,
         demonstrations: &'a [Demonstration],
         set: &'a CanonicalSet,
-        policy: &'a Learned<'a>,
+        policy: &'a LearnedPolicy,
     ) -> Self {
         Self { skill, demonstrations, set, policy }
     }
@@ -74,11 +75,12 @@ impl<'a> Certifier<'a> {
         let shown = &demonstration.poses[canonical.rest..];
         let duration_s = (shown.len() - 1) as f64 * demonstration.sampling_time_s;
         let steps = (self.settings().horizon_s.max(duration_s) / STEP_S).ceil() as usize + 1;
-        let goal = self.goal(&demonstration.goal_frame);
-        let course = Course { start: shown[0], goal, step_s: STEP_S, steps, arrived: None };
+        let target = Target { goal: self.goal(&demonstration.goal_frame), arrived: None };
+        let spec = self.spec(shown[0], STEP_S, steps);
+        let frames = at_rest(&self.skill.frames(demonstration));
         let mut path = Vec::with_capacity(steps + 1);
-        let mut situation = self.policy.situation(&self.skill.frames(demonstration));
-        let outcome = follow(&mut situation, self.skill.manifold, &course, |pose| path.push(*pose));
+        let mut policy = self.policy.instance();
+        let outcome = follow(&mut policy, &frames, &target, &spec, |pose| path.push(*pose));
         let at = |time_s: f64| {
             let step = time_s / STEP_S;
             let (i, fraction) = (step.floor() as usize, step.fract());
@@ -111,6 +113,12 @@ impl<'a> Certifier<'a> {
         (figures, path)
     }
 
+    /// A rollout from rest.
+    fn spec(&self, start: Pose, step_s: f64, steps: usize) -> RolloutSpec {
+        let manifold = self.skill.manifold;
+        RolloutSpec { manifold, start: Body::at_rest(start), step_s, steps }
+    }
+
     /// The goal of the demonstrations where the goal frame is.
     fn goal(&self, goal_frame: &Pose) -> Pose {
         let map = &self.set.map;
@@ -134,9 +142,10 @@ impl<'a> Certifier<'a> {
         let shown = self.starts(settings.random_starts, false, &mut random);
         let displaced = self.starts(settings.displaced_starts, true, &mut random);
         let goal = self.goal(&self.demonstrations[0].goal_frame);
+        let frames = at_rest(&self.skill.frames(&self.demonstrations[0]));
         let mut certificate = Certificate {
             failures: Vec::new(),
-            blocks: self.policy.blocks(&self.skill.frames(&self.demonstrations[0]), &goal),
+            blocks: blocks(self.policy.policy(), &frames, &goal),
             demonstrated_frames: self.try_out(&shown, progress),
             displaced_frames: self.try_out(&displaced, progress),
             step_s: settings.step_s,
@@ -169,7 +178,7 @@ impl<'a> Certifier<'a> {
                 if displaced {
                     frames.iter_mut().for_each(|frame| *frame = self.displaced(frame, random));
                 }
-                let moved: Vec<_> = frames.iter().copied().map(MovingPose::at_rest).collect();
+                let moved = at_rest(&frames);
                 let transforms = map.transforms(&moved).expect("they are the skill's frames");
                 let goal_frame =
                     frames[usize::from(self.skill.goal_frame != self.skill.start_frame)];
@@ -179,7 +188,7 @@ impl<'a> Certifier<'a> {
                 } else {
                     Pose { orientation: DQuat::IDENTITY, ..pose }
                 };
-                Start { pose, goal: self.goal(&goal_frame), frames }
+                Start { pose, goal: self.goal(&goal_frame), frames: moved }
             })
             .collect()
     }
@@ -212,15 +221,11 @@ impl<'a> Certifier<'a> {
         let settings = self.settings();
         let tolerance = [settings.goal_tolerance_m, settings.goal_tolerance_rad];
         let try_one = |start: &Start| -> Outcome {
-            let course = Course {
-                start: start.pose,
-                goal: start.goal,
-                step_s: settings.step_s,
-                steps: (settings.horizon_s / settings.step_s).ceil() as usize,
-                arrived: Some(tolerance.map(|t| t * ARRIVED_FRACTION)),
-            };
-            let mut situation = self.policy.situation(&start.frames);
-            follow(&mut situation, self.skill.manifold, &course, |_| {})
+            let arrived = Some(tolerance.map(|t| t * ARRIVED_FRACTION));
+            let target = Target { goal: start.goal, arrived };
+            let steps = (settings.horizon_s / settings.step_s).ceil() as usize;
+            let spec = self.spec(start.pose, settings.step_s, steps);
+            follow(&mut self.policy.instance(), &start.frames, &target, &spec, |_| {})
         };
         let mut outcomes: Vec<Outcome> = Vec::with_capacity(starts.len());
         for some in starts.chunks(16) {
@@ -321,6 +326,11 @@ impl<'a> Certifier<'a> {
         }
         failures
     }
+}
+
+/// Frames that do not move.
+fn at_rest(frames: &[Pose]) -> Vec<MovingPose> {
+    frames.iter().copied().map(MovingPose::at_rest).collect()
 }
 
 /// A length in words; what diverged has no use for its digits.

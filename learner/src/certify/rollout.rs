@@ -1,32 +1,124 @@
-//! Rollouts of a learned policy in the world, on a free body that obeys it.
+//! Rollouts: a free body that obeys a policy, by the semi-implicit Euler rule.
 
-use nalgebra::{Cholesky, DMatrix, DVector, SMatrix, SVector, Vector6};
+use std::ops::ControlFlow::{self, Break, Continue};
+
+use nalgebra::{Cholesky, Const, Vector6};
 use tprmp_model::skill_model::Manifold;
-use tprmp_rmpflow::policy::SkillValue;
-use tprmp_spatial::{Pose, SpatialAcceleration, Twist};
+use tprmp_rmpflow::natural::Natural;
+use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration};
 
-use crate::certify::policy::Situation;
+use crate::certify::policy::{Body, DesiredMotion, MotionPolicy, PolicyInstance};
 
-/// Where and how long a body follows a policy.
+/// Where a body starts, and how long it follows a policy at most.
 #[derive(Clone, Copy, Debug)]
-pub struct Course {
-    /// Where it starts, at rest.
-    pub start: Pose,
-    /// Where it should end.
-    pub goal: Pose,
+pub struct RolloutSpec {
+    /// Space in which it moves.
+    pub manifold: Manifold,
+    /// The body at the start.
+    pub start: Body,
     /// Step [s].
     pub step_s: f64,
-    /// Steps.
+    /// Steps at most.
     pub steps: usize,
-    /// It stops early within so many metres and radians of the goal, and as slow a second.
+}
+
+/// What surrounds the body and watches it.
+pub trait Environment<P: ?Sized> {
+    /// Frames of the skill, in its order.
+    fn frames(&self) -> &[MovingPose];
+
+    /// Before each evaluation, that after the last step included; breaking ends the rollout.
+    fn observe(&mut self, body: &Body, policy: &mut P) -> ControlFlow<()>;
+
+    /// After each evaluation: it may add forces; breaking ends the rollout.
+    fn act(&mut self, body: &Body, desired: &mut DesiredMotion, policy: &mut P) -> ControlFlow<()>;
+
+    /// The body's acceleration M⁻¹ f; `None` ends the rollout.
+    fn resolve(&self, natural: &Natural<6>, manifold: Manifold) -> Option<SpatialAcceleration> {
+        resolve(natural, manifold)
+    }
+}
+
+/// How a rollout ended.
+#[derive(Clone, Copy, Debug)]
+pub struct RolloutEnd {
+    /// The body, at the end.
+    pub body: Body,
+    /// Its largest acceleration [m/s²].
+    pub acceleration_max_m_s2: f64,
+    /// Whether it ended by the environment or after all steps. Otherwise the desired motion had no
+    /// solution, or the body is no longer anywhere.
+    pub completed: bool,
+}
+
+/// Lets a body follow a policy through an environment.
+pub fn roll_out<P, E>(policy: &mut P, environment: &mut E, spec: &RolloutSpec) -> RolloutEnd
+where
+    P: MotionPolicy + ?Sized,
+    E: Environment<P>,
+{
+    let mut body = spec.start;
+    let mut end = RolloutEnd { body, acceleration_max_m_s2: 0.0, completed: true };
+    for step in 0..=spec.steps {
+        body.time_s = step as f64 * spec.step_s;
+        end.body = body;
+        if environment.observe(&body, policy).is_break() {
+            return end;
+        }
+        let mut desired = policy.evaluate(environment.frames(), &body);
+        if environment.act(&body, &mut desired, policy).is_break() || step == spec.steps {
+            return end;
+        }
+        end.completed = false;
+        let acceleration = environment.resolve(&desired.natural, spec.manifold);
+        let Some(acceleration) = acceleration else { return end };
+        end.acceleration_max_m_s2 = end.acceleration_max_m_s2.max(acceleration.linear.length());
+        body.velocity = body.velocity.advanced(&acceleration, spec.step_s);
+        body.pose = body.pose.advanced(&body.velocity, spec.step_s);
+        if !body.pose.is_finite() {
+            end.body = body;
+            return end;
+        }
+        end.completed = true;
+        policy.advance(&acceleration, spec.step_s);
+    }
+    end
+}
+
+/// The acceleration M⁻¹ f in the directions in which the manifold moves; `None` when M is not
+/// positive definite there or a number not finite.
+#[must_use]
+pub fn resolve(natural: &Natural<6>, manifold: Manifold) -> Option<SpatialAcceleration> {
+    match manifold {
+        Manifold::R2 => resolve_first::<2>(natural),
+        Manifold::R3 => resolve_first::<3>(natural),
+        Manifold::R3S3 => natural.resolve().ok().map(Into::into),
+    }
+}
+
+/// The same in the first N directions, by Cholesky's decomposition.
+#[must_use]
+pub fn resolve_first<const N: usize>(natural: &Natural<6>) -> Option<SpatialAcceleration> {
+    let metric = natural.metric.fixed_view::<N, N>(0, 0).into_owned();
+    let factor: Cholesky<f64, Const<N>> = Cholesky::new(metric)?;
+    let mut acceleration = Vector6::zeros();
+    let solved = factor.solve(&natural.force.fixed_rows::<N>(0));
+    acceleration.fixed_rows_mut::<N>(0).copy_from(&solved);
+    Some(acceleration.into()).filter(SpatialAcceleration::is_finite)
+}
+
+/// Where a rollout shall end.
+#[derive(Clone, Copy, Debug)]
+pub struct Target {
+    /// The goal.
+    pub goal: Pose,
+    /// It ends early within so many metres and radians of the goal, and as slow a second.
     pub arrived: Option<[f64; 2]>,
 }
 
-/// How a rollout went.
+/// How near to its goal a rollout came, and how V went.
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
-    /// Where it ended.
-    pub end: Pose,
     /// Final distance to the goal [m].
     pub goal_error_m: f64,
     /// Final angle to the goal [rad]; zero when orientation is free.
@@ -37,100 +129,73 @@ pub struct Outcome {
     pub energy_rise_max: f64,
 }
 
-/// Follows a policy from rest by the semi-implicit Euler rule; `each` is told every pose, the
-/// first one included. A policy that cannot be resolved, or diverges, ends the rollout where it is.
-pub fn follow(
-    situation: &mut Situation,
-    manifold: Manifold,
-    course: &Course,
-    mut each: impl FnMut(&Pose),
-) -> Outcome {
-    let Course { start, goal, step_s, steps, arrived } = *course;
-    let turns = manifold.has_orientation();
-    let at_goal = situation.energy_at(&goal);
-    let (mut pose, mut velocity) = (start, Twist::ZERO);
-    let mut value = situation.evaluate(&pose, &velocity);
-    let energy_at_start = value.energy - at_goal;
-    let mut energy_rise_max: f64 = 0.0;
-    each(&pose);
-    for _ in 0..steps {
-        let Some(acceleration) = acceleration(&value, manifold) else { break };
-        velocity = velocity.advanced(&acceleration, step_s);
-        let next = pose.advanced(&velocity, step_s);
-        if !next.is_finite() {
-            break;
+/// Frames at rest, and a watch on the way to the goal.
+struct Still<'a, F> {
+    frames: &'a [MovingPose],
+    target: &'a Target,
+    has_orientation: bool,
+    each: F,
+    energy_at_goal: f64,
+    /// V of the last evaluation.
+    energy: Option<f64>,
+    outcome: Outcome,
+}
+
+impl<P: ?Sized, F: FnMut(&Pose)> Environment<P> for Still<'_, F> {
+    fn frames(&self) -> &[MovingPose] {
+        self.frames
+    }
+
+    fn observe(&mut self, body: &Body, _policy: &mut P) -> ControlFlow<()> {
+        (self.each)(&body.pose);
+        let goal = &self.target.goal;
+        self.outcome.goal_error_m = (body.pose.position - goal.position).length();
+        if self.has_orientation {
+            self.outcome.goal_error_rad = body.pose.rotation_from(goal).length();
         }
-        let before = value;
-        situation.advance(&value, &acceleration, step_s);
-        pose = next;
-        value = situation.evaluate(&pose, &velocity);
-        energy_rise_max = energy_rise_max.max(value.energy - before.energy);
-        each(&pose);
-        let near = |[metres, radians]: [f64; 2]| {
-            let far = (pose.position - goal.position).length();
-            let turned = if turns { pose.rotation_from(&goal).length() } else { 0.0 };
-            far < metres
-                && velocity.linear.length() < metres
-                && turned < radians
-                && velocity.angular.length() < radians
+        Continue(())
+    }
+
+    fn act(&mut self, body: &Body, desired: &mut DesiredMotion, _: &mut P) -> ControlFlow<()> {
+        let Some(before) = self.energy.replace(desired.energy) else {
+            self.outcome.energy_at_start = desired.energy - self.energy_at_goal;
+            return Continue(());
         };
-        if arrived.is_some_and(near) {
-            break;
-        }
-    }
-    Outcome {
-        end: pose,
-        goal_error_m: (pose.position - goal.position).length(),
-        goal_error_rad: if turns { pose.rotation_from(&goal).length() } else { 0.0 },
-        energy_at_start,
-        energy_rise_max,
+        let outcome = &mut self.outcome;
+        outcome.energy_rise_max = outcome.energy_rise_max.max(desired.energy - before);
+        let arrived = self.target.arrived.is_some_and(|[metres, radians]| {
+            outcome.goal_error_m < metres
+                && body.velocity.linear.length() < metres
+                && outcome.goal_error_rad < radians
+                && body.velocity.angular.length() < radians
+        });
+        if arrived { Break(()) } else { Continue(()) }
     }
 }
 
-/// Acceleration; `None` when the metric is not positive definite or a number not
-/// finite. What the manifold does not span does not move.
-pub fn acceleration(value: &SkillValue, manifold: Manifold) -> Option<SpatialAcceleration> {
-    let natural = &value.natural;
-    let mut a = [0.0; 6];
-    match manifold {
-        Manifold::R2 => {
-            let factor = Cholesky::new(natural.metric.fixed_view::<2, 2>(0, 0).into_owned())?;
-            let solved = factor.solve(&natural.force.fixed_rows::<2>(0).into_owned());
-            a[..2].copy_from_slice(solved.as_slice());
-        }
-        Manifold::R3 => {
-            let factor = Cholesky::new(natural.metric.fixed_view::<3, 3>(0, 0).into_owned())?;
-            let solved = factor.solve(&natural.force.fixed_rows::<3>(0).into_owned());
-            a[..3].copy_from_slice(solved.as_slice());
-        }
-        Manifold::R3S3 => a.copy_from_slice(natural.resolve().ok()?.as_slice()),
-    }
-    Some(SpatialAcceleration::from(Vector6::from(a))).filter(SpatialAcceleration::is_finite)
-}
-
-/// Smallest eigenvalue of a Hessian relative to a metric, and |M⁻¹∇Φ|, at a point. The Hessian is
-/// the derivative of the gradient, by central differences.
-#[must_use]
-pub fn at_rest<const D: usize>(
-    point: &SVector<f64, D>,
-    step: f64,
-    evaluate: impl Fn(&SVector<f64, D>) -> (SVector<f64, D>, SMatrix<f64, D, D>),
-) -> (f64, f64) {
-    let (gradient, metric) = evaluate(point);
-    let mut hessian = DMatrix::zeros(D, D);
-    for i in 0..D {
-        let mut beside = [*point, *point];
-        beside[0][i] += step;
-        beside[1][i] -= step;
-        let [plus, minus] = beside.map(|y| evaluate(&y).0);
-        let column = (plus - minus) / (2.0 * step);
-        hessian.set_column(i, &DVector::from_column_slice(column.as_slice()));
-    }
-    let hessian = (&hessian + hessian.transpose()) * 0.5;
-    let metric = DMatrix::from_fn(D, D, |i, j| metric[(i, j)]);
-    let gradient = DVector::from_column_slice(gradient.as_slice());
-    let Some(factor) = metric.cholesky() else { return (f64::INFINITY, f64::NEG_INFINITY) };
-    let inverse = factor.l().try_inverse().expect("its factor has a positive diagonal");
-    let relative = &inverse * hessian * inverse.transpose();
-    (factor.solve(&gradient).norm(), relative.symmetric_eigenvalues().min())
+/// Follows a learned policy among frames at rest; `each` gets every pose, the first one included. A
+/// policy that cannot be resolved, or diverges, ends the rollout where it was last.
+pub fn follow(
+    policy: &mut PolicyInstance,
+    frames: &[MovingPose],
+    target: &Target,
+    spec: &RolloutSpec,
+    each: impl FnMut(&Pose),
+) -> Outcome {
+    let mut still = Still {
+        frames,
+        target,
+        has_orientation: spec.manifold.has_orientation(),
+        each,
+        energy_at_goal: policy.energy_at(frames, &target.goal),
+        energy: None,
+        outcome: Outcome {
+            goal_error_m: f64::INFINITY,
+            goal_error_rad: 0.0,
+            energy_at_start: f64::INFINITY,
+            energy_rise_max: 0.0,
+        },
+    };
+    roll_out(policy, &mut still, spec);
+    still.outcome
 }

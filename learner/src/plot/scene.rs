@@ -10,8 +10,8 @@ use tprmp_spatial::{MovingPose, Pose, Twist, Wrench};
 
 use super::forces::Forces;
 use crate::canonical::PhaseProfile;
-use crate::certify::policy::{Learned, Situation};
-use crate::certify::rollout::{Course, acceleration, follow};
+use crate::certify::policy::{Body, LearnedPolicy, MotionPolicy, PolicyInstance};
+use crate::certify::rollout::{RolloutSpec, Target, follow, resolve};
 use tprmp_drawing::Ellipsoid;
 
 /// Step of the rollouts [s].
@@ -47,10 +47,10 @@ pub struct Skill<'a> {
     /// The map of its frames.
     pub map: FrameMap,
     /// Its policy.
-    policy: Learned<'a>,
+    policy: LearnedPolicy,
     /// The part of it that leads positions: of a canonical policy its position field; of a product
     /// of Gaussians on poses the whole, which does not fall into parts.
-    position: Learned<'a>,
+    position: LearnedPolicy,
     /// Where the position part moves.
     position_manifold: Manifold,
 }
@@ -64,8 +64,8 @@ impl<'a> Skill<'a> {
         Ok(Self {
             model,
             map: model.frame_map()?,
-            policy: Learned::new(model)?,
-            position: Learned::new(position)?,
+            policy: LearnedPolicy::new(model)?,
+            position: LearnedPolicy::new(position)?,
             position_manifold: position.manifold,
         })
     }
@@ -161,29 +161,34 @@ impl<'a> Scene<'a> {
         Forces::new(self.skill.policy.policy(), &self.frames)
     }
 
+    fn frames_at_rest(&self) -> Vec<MovingPose> {
+        self.frames.iter().copied().map(MovingPose::at_rest).collect()
+    }
+
     /// Evaluates the position part at points, the tool turned as at the goal.
     pub fn sampler(&self) -> impl FnMut(DVec3) -> Sample {
         let goal = self.goal;
         let manifold = self.skill.position_manifold;
-        let mut situation = self.skill.position.situation(&self.frames);
-        let at_goal = situation.energy_at(&goal);
-        move |position| sample(&mut situation, manifold, at_goal, &Pose { position, ..goal })
+        let frames = self.frames_at_rest();
+        let mut policy = self.skill.position.instance();
+        let at_goal = policy.energy_at(&frames, &goal);
+        move |position| sample(&mut policy, &frames, manifold, at_goal, &Pose { position, ..goal })
     }
 
     /// Paths from these starts at rest, in their order, a pose every [`SAMPLE_S`].
     pub fn rollouts(&self, starts: &[Pose]) -> Vec<Vec<Pose>> {
-        let way = self.skill.way();
+        let arrived = Some([ARRIVED_FRACTION * self.skill.way(), ARRIVED_RAD]);
+        let target = Target { goal: self.goal, arrived };
+        let frames = self.frames_at_rest();
         let rollout = |start: &Pose| {
-            let course = Course {
-                start: *start,
-                goal: self.goal,
+            let spec = RolloutSpec {
+                manifold: self.skill.model.manifold,
+                start: Body::at_rest(*start),
                 step_s: STEP_S,
                 steps: (DURATION_MAX_S / STEP_S) as usize,
-                arrived: Some([ARRIVED_FRACTION * way, ARRIVED_RAD]),
             };
             let (mut path, mut step) = (Vec::new(), 0);
-            let mut situation = self.skill.policy.situation(&self.frames);
-            follow(&mut situation, self.skill.model.manifold, &course, |pose| {
+            follow(&mut self.skill.policy.instance(), &frames, &target, &spec, |pose| {
                 if step % SAMPLE_STEPS == 0 {
                     path.push(*pose);
                 }
@@ -236,22 +241,29 @@ fn products<const D: usize>(
 
 /// f = −∇Φ − ξ − B ẋ with ξ quadratic in ẋ: at rest it is −∇Φ, and half the difference of f for
 /// opposite velocities is −B ẋ.
-fn sample(situation: &mut Situation, manifold: Manifold, at_goal: f64, pose: &Pose) -> Sample {
-    situation.restart();
-    let rest = situation.evaluate(pose, &Twist::ZERO);
+fn sample(
+    policy: &mut PolicyInstance,
+    frames: &[MovingPose],
+    manifold: Manifold,
+    at_goal: f64,
+    pose: &Pose,
+) -> Sample {
+    policy.restart();
+    let mut desired = |linear: DVec3| {
+        let velocity = Twist { linear, ..Twist::ZERO };
+        policy.evaluate(frames, &Body { velocity, ..Body::at_rest(*pose) })
+    };
+    let rest = desired(DVec3::ZERO);
     let dimension = manifold.position_dimension();
     let mut trace = 0.0;
     for (i, axis) in DVec3::AXES.into_iter().enumerate().take(dimension) {
-        let [ahead, back] = [axis, -axis].map(|linear| {
-            let velocity = Twist { linear, ..Twist::ZERO };
-            situation.evaluate(pose, &velocity).natural.force[i]
-        });
+        let [ahead, back] = [axis, -axis].map(|v| desired(v).natural.force[i]);
         trace += 0.5 * (back - ahead);
     }
     Sample {
         potential: rest.energy - at_goal,
         force: Wrench::from(rest.natural.force).force,
-        acceleration: acceleration(&rest, manifold).map_or(DVec3::ZERO, |a| a.linear),
+        acceleration: resolve(&rest.natural, manifold).map_or(DVec3::ZERO, |a| a.linear),
         damping: trace / dimension as f64,
     }
 }

@@ -5,15 +5,17 @@
 //! f(s) = Σ w_i ψ_i(s) s / Σ ψ_i(s),   ψ_i(s) = exp(−h_i (s − c_i)²)
 //! ```
 //!
-//! In this form a shift of start or goal bends the way smoothly, and nothing is divided by g − x₀. The
-//! forcing term is the weighted least-squares fit to all demonstrations; frames that turn do not
+//! In this form a shift of start or goal deforms the path smoothly, and nothing is divided by g − x₀. The
+//! forcing term is the weighted least-squares fit to all demonstrations; rotations of frames do not
 //! enter.
 
 use glam::DVec3;
-
-use super::sampled;
-use crate::follower::{Follower, Moment, Wish, point_wish};
+use tprmp_learner::certify::policy::{Body, DesiredMotion, MotionPolicy};
 use tprmp_learner::demonstration::Demonstration;
+use tprmp_spatial::MovingPose;
+
+use crate::body::point_motion;
+use crate::path::{duration_s, mean_duration_s, positions, sampled};
 
 /// K and D = 2 √K, critically damped; times as fractions of the duration.
 const STIFFNESS: f64 = 150.0;
@@ -39,9 +41,6 @@ impl Dmp {
     /// Without demonstrations.
     #[must_use]
     pub fn learn(demonstrations: &[Demonstration]) -> Self {
-        let duration = |d: &Demonstration| (d.poses.len() - 1) as f64 * d.sampling_time_s;
-        let duration_s =
-            demonstrations.iter().map(duration).sum::<f64>() / demonstrations.len() as f64;
         let centre = |i: usize| (-DECAY * i as f64 / (BASIS - 1) as f64).exp();
         let centres: Vec<f64> = (0..BASIS).map(centre).collect();
         let width = |i: usize| {
@@ -51,13 +50,13 @@ impl Dmp {
         let widths: Vec<f64> = (0..BASIS).map(width).collect();
         let damping = 2.0 * STIFFNESS.sqrt();
         let (mut right, mut left) = (vec![DVec3::ZERO; BASIS], vec![0.0; BASIS]);
-        for shown in demonstrations {
-            let points: Vec<DVec3> = shown.poses.iter().map(|p| p.position).collect();
+        for demonstration in demonstrations {
+            let points = positions(&demonstration.poses);
             let (first, goal) = (points[0], points[points.len() - 1]);
-            let tau = duration(shown);
+            let tau = duration_s(demonstration);
             for k in 0..points.len() {
-                let time_s = k as f64 * shown.sampling_time_s;
-                let [x, v, a] = sampled(&points, shown.sampling_time_s, time_s);
+                let time_s = k as f64 * demonstration.sampling_time_s;
+                let [x, v, a] = sampled(&points, demonstration.sampling_time_s, time_s);
                 let s = (-DECAY * time_s / tau).exp();
                 let wanted = a * (tau * tau) + v * (damping * tau) - (goal - x) * STIFFNESS
                     + (goal - first) * (STIFFNESS * s);
@@ -69,6 +68,7 @@ impl Dmp {
             }
         }
         let weights = right.iter().zip(&left).map(|(r, l)| *r / (l + 1e-12)).collect();
+        let duration_s = mean_duration_s(demonstrations);
         Self { duration_s, centres, widths, weights }
     }
 
@@ -82,31 +82,31 @@ impl Dmp {
         sum * (s / psis)
     }
 
-    /// A primitive on its way; the goal lies at `goal_offset` from the goal frame, not turned with it.
+    /// A primitive in use; the goal lies at `goal_offset` from the goal frame, not rotated with it.
     #[must_use]
-    pub fn follower(&self, start: DVec3, goal_offset: DVec3) -> DmpFollower<'_> {
-        DmpFollower { dmp: self, start, goal_offset }
+    pub fn instance(&self, start: DVec3, goal_offset: DVec3) -> DmpInstance<'_> {
+        DmpInstance { dmp: self, start, goal_offset }
     }
 }
 
-/// A primitive on its way.
+/// A primitive in use.
 #[derive(Clone, Debug)]
-pub struct DmpFollower<'a> {
+pub struct DmpInstance<'a> {
     dmp: &'a Dmp,
     start: DVec3,
     goal_offset: DVec3,
 }
 
-impl Follower for DmpFollower<'_> {
-    fn evaluate(&mut self, now: &Moment) -> Wish {
+impl MotionPolicy for DmpInstance<'_> {
+    fn evaluate(&mut self, frames: &[MovingPose], body: &Body) -> DesiredMotion {
         let tau = self.dmp.duration_s;
-        let s = (-DECAY * now.time_s / tau).exp();
-        let goal = now.frames[1].pose.position + self.goal_offset;
+        let s = (-DECAY * body.time_s / tau).exp();
+        let goal = frames[1].pose.position + self.goal_offset;
         let damping = 2.0 * STIFFNESS.sqrt();
-        let wanted = (goal - now.pose.position) * STIFFNESS
-            - now.velocity.linear * (damping * tau)
+        let wanted = (goal - body.pose.position) * STIFFNESS
+            - body.velocity.linear * (damping * tau)
             - (goal - self.start) * (STIFFNESS * s)
             + self.dmp.force(s) * STIFFNESS;
-        point_wish(wanted / (tau * tau))
+        point_motion(wanted / (tau * tau))
     }
 }

@@ -12,10 +12,11 @@
 
 use glam::DVec3;
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, Vector2, Vector4};
+use tprmp_learner::certify::policy::{Body, DesiredMotion, MotionPolicy};
 use tprmp_model::skill_model::SkillModel;
 use tprmp_spatial::{MovingPose, Pose};
 
-use crate::follower::{Follower, Moment, Wish, point_wish};
+use crate::body::point_motion;
 
 /// r, cost of an acceleration [s⁴/m⁴ × m²/m²].
 const EFFORT: f64 = 0.1;
@@ -23,7 +24,7 @@ const EFFORT: f64 = 0.1;
 const STEP_S: f64 = 0.02;
 /// Steps that the last Gaussian is held for beyond the duration.
 const HOLD_STEPS: usize = 150;
-/// Added to the covariances [m²]: how exactly the way has to be met.
+/// Added to the covariances [m²]: how exactly the path has to be met.
 const PRECISION_M2: f64 = 1e-4;
 /// A frame that moved by less has not moved [m].
 const MOVED_M: f64 = 1e-9;
@@ -66,20 +67,21 @@ impl Lqr {
         for ((mean, covariance), frame) in self.components[k].iter().zip(frames) {
             let Pose { position, orientation } = frame.pose;
             let [x, y] = [DVec3::X, DVec3::Y].map(|axis| orientation * axis);
-            let turn = Matrix2::new(x.x, y.x, x.y, y.y);
-            let seen = turn * covariance * turn.transpose() + Matrix2::identity() * PRECISION_M2;
-            let own = seen.try_inverse().unwrap_or_else(Matrix2::identity);
+            let rotation = Matrix2::new(x.x, y.x, x.y, y.y);
+            let in_world =
+                rotation * covariance * rotation.transpose() + Matrix2::identity() * PRECISION_M2;
+            let own = in_world.try_inverse().unwrap_or_else(Matrix2::identity);
             precision += own;
-            weighted += own * (turn * mean + Vector2::new(position.x, position.y));
+            weighted += own * (rotation * mean + Vector2::new(position.x, position.y));
         }
         let covariance = precision.try_inverse().unwrap_or_else(Matrix2::identity);
         (covariance * weighted, precision)
     }
 
-    /// A regulator on its way.
+    /// A regulator in use.
     #[must_use]
-    pub fn follower(&self) -> LqrFollower<'_> {
-        LqrFollower { lqr: self, frames: Vec::new(), gains: Vec::new() }
+    pub fn instance(&self) -> LqrInstance<'_> {
+        LqrInstance { lqr: self, frames: Vec::new(), gains: Vec::new() }
     }
 
     /// Gains and feed-forward of every step: u = h − G (x, ẋ).
@@ -125,31 +127,31 @@ impl Lqr {
     }
 }
 
-/// A regulator on its way.
+/// A regulator in use.
 #[derive(Clone, Debug)]
-pub struct LqrFollower<'a> {
+pub struct LqrInstance<'a> {
     lqr: &'a Lqr,
     frames: Vec<Pose>,
     gains: Vec<(SMatrix<f64, 2, 4>, Vector2<f64>)>,
 }
 
-impl Follower for LqrFollower<'_> {
-    fn evaluate(&mut self, now: &Moment) -> Wish {
-        let moved = self.frames.len() != now.frames.len()
-            || self.frames.iter().zip(now.frames).any(|(before, frame)| {
+impl MotionPolicy for LqrInstance<'_> {
+    fn evaluate(&mut self, frames: &[MovingPose], body: &Body) -> DesiredMotion {
+        let moved = self.frames.len() != frames.len()
+            || self.frames.iter().zip(frames).any(|(before, frame)| {
                 (before.position - frame.pose.position).length() > MOVED_M
                     || before.rotation_from(&frame.pose).length() > MOVED_M
             });
         if moved {
-            self.frames = now.frames.iter().map(|frame| frame.pose).collect();
-            self.gains = self.lqr.gains(now.frames);
+            self.frames = frames.iter().map(|frame| frame.pose).collect();
+            self.gains = self.lqr.gains(frames);
         }
         // In the hold the gain of its middle serves for ever.
         let last = self.gains.len() - HOLD_STEPS / 2;
-        let (gain, forward) = self.gains[((now.time_s / STEP_S) as usize).min(last)];
-        let (x, v) = (now.pose.position, now.velocity.linear);
+        let (gain, forward) = self.gains[((body.time_s / STEP_S) as usize).min(last)];
+        let (x, v) = (body.pose.position, body.velocity.linear);
         let u = forward - gain * Vector4::new(x.x, x.y, v.x, v.y);
-        point_wish(DVec3::new(u.x, u.y, 0.0))
+        point_motion(DVec3::new(u.x, u.y, 0.0))
     }
 
     fn goal(&mut self, frames: &[MovingPose]) -> Option<Pose> {

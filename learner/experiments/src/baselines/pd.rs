@@ -1,9 +1,11 @@
 //! A PD controller that tracks a recorded path.
 
 use glam::DVec3;
+use tprmp_learner::certify::policy::{Body, DesiredMotion, MotionPolicy};
+use tprmp_spatial::MovingPose;
 
-use super::sampled;
-use crate::follower::{Follower, Moment, Wish, point_wish};
+use crate::body::point_motion;
+use crate::path::sampled;
 
 /// Stiffness of the one that is done right [1/s²]; critically damped.
 const STIFFNESS_1_S2: f64 = 100.0;
@@ -31,18 +33,18 @@ impl Pd {
     }
 }
 
-impl Follower for Pd {
-    fn evaluate(&mut self, now: &Moment) -> Wish {
-        let away = |p: DVec3| p - now.pose.position;
+impl MotionPolicy for Pd {
+    fn evaluate(&mut self, _frames: &[MovingPose], body: &Body) -> DesiredMotion {
+        let away = |p: DVec3| p - body.pose.position;
         if self.as_published {
-            let held_s = (now.time_s / PUBLISHED_HOLD_S).floor() * PUBLISHED_HOLD_S;
+            let held_s = (body.time_s / PUBLISHED_HOLD_S).floor() * PUBLISHED_HOLD_S;
             let time_s = held_s * PUBLISHED_SPEED;
             let [p, ..] = sampled(&self.points, self.sampling_time_s, time_s);
             let [stiffness, damping] = PUBLISHED_GAINS;
-            return point_wish(away(p) * stiffness - now.velocity.linear * damping);
+            return point_motion(away(p) * stiffness - body.velocity.linear * damping);
         }
-        let [p, v, a] = sampled(&self.points, self.sampling_time_s, now.time_s);
+        let [p, v, a] = sampled(&self.points, self.sampling_time_s, body.time_s);
         let damping = 2.0 * STIFFNESS_1_S2.sqrt();
-        point_wish(a + away(p) * STIFFNESS_1_S2 + (v - now.velocity.linear) * damping)
+        point_motion(a + away(p) * STIFFNESS_1_S2 + (v - body.velocity.linear) * damping)
     }
 }

@@ -1,18 +1,21 @@
 //! Figures of Gaussians and fields, drawn by [`plot`](tprmp_learner::plot).
 
-use glam::{DMat2, DVec2};
+use glam::DMat2;
 use rayon::prelude::*;
-use tprmp_model::skill_model::{Manifold, SkillModel};
-
-use super::Run;
-use super::paths::{grid, panel, points};
-use crate::dataset::SkillSet;
-use crate::models::Kind;
-use tprmp_drawing::{Panel, Picture, Scale, Sign, Stroke, of_phase};
+use tprmp_drawing::{
+    BLACK, Ellipsoid, Panel, Picture, Scale, Sign, Stroke, View, of_phase, principal_axes,
+};
 use tprmp_learner::canonical::PhaseProfile;
 use tprmp_learner::plot::field::Grid;
-use tprmp_learner::plot::gallery;
 use tprmp_learner::plot::scene::{Scene, Skill, position_part};
+use tprmp_learner::plot::{frame_of, gallery, gaussians};
+use tprmp_model::skill_model::SkillModel;
+
+use crate::dataset::SkillSet;
+use crate::experiment::{PolicyKind, Space};
+use crate::metric::quantile;
+use crate::report::content::Run;
+use crate::report::paths::{flat_path, grid, panel, points};
 
 /// Which pictures of a model make a figure, by their names.
 const OF_PLANE: [(&str, &[&str]); 3] = [
@@ -39,30 +42,29 @@ const OF_SPACE: [(&str, &[&str]); 1] = [(
 )];
 /// Numbers of Gaussians of figure 5.4.
 const COUNTS: [usize; 3] = [5, 9, 15];
-const PATH: Stroke = Stroke { colour: "#1a1a1a", width: 1.2, dashes: "4 3", rim: true };
+const PATH: Stroke = Stroke::dashed(BLACK, 1.2).rimmed();
 
 /// All of these figures.
-pub(super) fn pictures(run: &Run) -> Vec<Picture> {
+pub(crate) fn pictures(run: &Run) -> Vec<Picture> {
     let mut pictures = Vec::new();
-    let first =
-        |planar: bool| run.bench.skills.iter().find(|set| (set.manifold == Manifold::R2) == planar);
-    if let Some(set) = first(true) {
+    let first = |space| run.bench.skills.iter().find(move |set| set.space() == space);
+    if let Some(set) = first(Space::Planar) {
         pictures.extend(of_model(run, set, &OF_PLANE));
         pictures.extend(shapes(run, set));
     }
-    if let Some(set) = first(false) {
+    if let Some(set) = first(Space::Pick) {
         pictures.extend(of_model(run, set, &OF_SPACE));
     }
-    for kind in Kind::ALL {
-        pictures.extend(fields(run, kind));
+    for policy in PolicyKind::LEARNED {
+        pictures.extend(fields(run, policy));
     }
     pictures
 }
 
 /// Figures made from the pictures of the default policy's model of a skill.
 fn of_model(run: &Run, set: &SkillSet, figures: &[(&str, &[&str])]) -> Vec<Picture> {
-    let components = run.bench.count(set.manifold, Kind::Canonical);
-    let Some(trained) = run.bench.models.get(Kind::Canonical, components, &set.name) else {
+    let components = run.bench.count(set, PolicyKind::Canonical);
+    let Some(trained) = run.bench.models.get(PolicyKind::Canonical, components, &set.name) else {
         return Vec::new();
     };
     let Ok(gallery) = gallery(&trained.model, &set.demonstrations) else { return Vec::new() };
@@ -88,13 +90,13 @@ fn of_model(run: &Run, set: &SkillSet, figures: &[(&str, &[&str])]) -> Vec<Pictu
 fn with_scene<T>(model: &SkillModel, set: &SkillSet, draw: impl FnOnce(&Scene) -> T) -> Option<T> {
     let position = position_part(model);
     let skill = Skill::new(model, &position).ok()?;
-    let shown = &set.demonstrations[0];
+    let demonstration = &set.demonstrations[0];
     let frames = model
         .frames
         .iter()
-        .map(|frame| tprmp_learner::plot::frame_of(model, shown, &frame.name))
+        .map(|frame| frame_of(model, demonstration, &frame.name))
         .collect::<Option<Vec<_>>>()?;
-    let gaussians = tprmp_learner::plot::gaussians(model);
+    let gaussians = gaussians(model);
     Some(draw(&Scene::new(&skill, frames, &[], &gaussians, &PhaseProfile::linear())))
 }
 
@@ -112,36 +114,35 @@ fn background(panel: &mut Panel, scene: &Scene, dissipation: bool) {
     field.draw(panel, &scale);
 }
 
+/// The covariance in the plane.
+fn flat(g: &Ellipsoid) -> DMat2 {
+    View::Along([0, 1]).covariance(g.covariance)
+}
+
 fn ellipses(panel: &mut Panel, scene: &Scene) {
     for g in &scene.gaussians {
-        let c = g.covariance;
-        let flat = DMat2::from_cols(
-            DVec2::new(c.x_axis.x, c.x_axis.y),
-            DVec2::new(c.y_axis.x, c.y_axis.y),
-        );
-        panel.ellipse(DVec2::new(g.mean.x, g.mean.y), flat, 1.0, &of_phase(g.phase), 0.2);
+        panel.ellipse(g.mean.truncate(), flat(g), 1.0, &of_phase(g.phase), 0.2);
     }
 }
 
 fn path(panel: &mut Panel, set: &SkillSet) {
-    let shown = set.demonstrations[0].poses.iter();
-    panel.line(shown.map(|pose| DVec2::new(pose.position.x, pose.position.y)), &PATH);
-    if let Some(last) = set.demonstrations[0].poses.last() {
-        panel.star(DVec2::new(last.position.x, last.position.y));
-    }
+    let poses = &set.demonstrations[0].poses;
+    panel.line(flat_path(poses), &PATH);
+    flat_path(poses).last().into_iter().for_each(|goal| panel.star(goal));
 }
 
 /// Figures A.1 and A.2: all skills, on their potential and their dissipation.
-fn fields(run: &Run, kind: Kind) -> Vec<Picture> {
+fn fields(run: &Run, policy: PolicyKind) -> Vec<Picture> {
     let planar: Vec<&SkillSet> =
-        run.bench.skills.iter().filter(|set| set.manifold == Manifold::R2).collect();
-    let name = if kind == Kind::Canonical { "default policy" } else { "the thesis' policy" };
+        run.bench.skills.iter().filter(|set| set.space() == Space::Planar).collect();
+    let name =
+        if policy == PolicyKind::Canonical { "default policy" } else { "the thesis' policy" };
     let figure = |dissipation: bool| -> Option<Picture> {
         let drawn: Vec<(Panel, bool)> = planar
             .par_iter()
             .filter_map(|set| {
-                let components = run.bench.count(set.manifold, kind);
-                let model = &run.bench.models.get(kind, components, &set.name)?.model;
+                let components = run.bench.count(set, policy);
+                let model = &run.bench.models.get(policy, components, &set.name)?.model;
                 with_scene(model, set, |scene| {
                     let mut panel = panel(&set.name, points(set));
                     background(&mut panel, scene, dissipation);
@@ -174,23 +175,20 @@ fn fields(run: &Run, kind: Kind) -> Vec<Picture> {
 fn shapes(run: &Run, set: &SkillSet) -> Vec<Picture> {
     let (mut panels, mut ratios) = (Vec::new(), Vec::new());
     for count in COUNTS {
-        let Some(trained) = run.bench.models.get(Kind::Thesis, count, &set.name) else { continue };
+        let Some(trained) = run.bench.models.get(PolicyKind::Thesis, count, &set.name) else {
+            continue;
+        };
         let drawn = with_scene(&trained.model, set, |scene| {
             let mut panel = panel(&format!("K = {count}"), points(set));
             background(&mut panel, scene, false);
             ellipses(&mut panel, scene);
             path(&mut panel, set);
-            let ratio = |g: &tprmp_drawing::Ellipsoid| {
-                let c = g.covariance;
-                let flat = DMat2::from_cols(
-                    DVec2::new(c.x_axis.x, c.x_axis.y),
-                    DVec2::new(c.y_axis.x, c.y_axis.y),
-                );
-                let (axes, _) = tprmp_drawing::principal_axes(flat);
+            let ratio = |g: &Ellipsoid| {
+                let (axes, _) = principal_axes(flat(g));
                 axes.x / axes.y.max(1e-9)
             };
             let all: Vec<f64> = scene.gaussians.iter().map(ratio).collect();
-            (panel, crate::metric::quantile(&all, 0.5).unwrap_or(f64::NAN))
+            (panel, quantile(&all, 0.5).unwrap_or(f64::NAN))
         });
         if let Some((panel, ratio)) = drawn {
             panels.push(panel);

@@ -1,87 +1,71 @@
-//! Figures of paths: demonstrations, rollouts under every condition, Gaussians and fields.
+//! Figures of paths: demonstrations, and rollouts under every condition.
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
-use tprmp_model::skill_model::Manifold;
-use tprmp_spatial::MovingPose;
+use tprmp_drawing::{AXES, BLACK, Figure, GREY, ORANGE, Panel, Picture, Sign, Stroke};
+use tprmp_spatial::{MovingPose, Pose};
 
-use super::Run;
+use crate::case::Case;
 use crate::dataset::SkillSet;
-use crate::models::Kind;
-use crate::protocol::{Bench, Case, Compared};
-use crate::world::Trace;
-use tprmp_drawing::{BLUE, Figure, GREY, Panel, Picture, RED, Sign, Stroke};
+use crate::experiment::{Experiment, PolicyKind, Space};
+use crate::report::content::Run;
+use crate::report::style::colour;
+use crate::world::RunOutcome;
 
 /// Skills in a row, and the side of a panel [px].
 const COLUMNS: usize = 5;
 const SIDE_PX: f64 = 190.0;
-const SHOWN: Stroke = Stroke { colour: GREY, width: 1.4, dashes: "4 3", rim: false };
-const CIRCLE: Stroke = Stroke { colour: "#d98200", width: 1.0, dashes: "2 3", rim: false };
+const DEMONSTRATED: Stroke = Stroke::dashed(GREY, 1.4);
+const CIRCLE: Stroke = Stroke { dashes: "2 3", ..Stroke::solid(ORANGE, 1.0) };
+const BALL: Stroke = Stroke::solid(BLACK, 1.4);
 
-fn stroke(kind: Kind) -> Stroke {
-    let colour = if kind == Kind::Canonical { BLUE } else { RED };
-    Stroke { colour, width: 2.0, dashes: "", rim: false }
+fn stroke(policy: PolicyKind) -> Stroke {
+    Stroke::solid(colour(policy), 2.0)
 }
 
-fn flat(p: DVec3) -> DVec2 {
-    DVec2::new(p.x, p.y)
+pub(crate) fn flat_path(poses: &[Pose]) -> impl Iterator<Item = DVec2> + '_ {
+    poses.iter().map(|pose| pose.position.truncate())
 }
-
-/// Which cases a figure shows.
-type Chosen = Box<dyn Fn(&Case) -> bool>;
 
 /// All of these figures.
-pub(super) fn pictures(run: &Run) -> Vec<Picture> {
+pub(crate) fn pictures(run: &Run) -> Vec<Picture> {
     let planar: Vec<usize> = (0..run.bench.skills.len())
-        .filter(|i| run.bench.skills[*i].manifold == Manifold::R2)
+        .filter(|i| run.bench.skills[*i].space() == Space::Planar)
         .collect();
-    let mut pictures = Vec::new();
     if planar.is_empty() {
-        return pictures;
+        return Vec::new();
     }
-    pictures.push(demonstrations(run.bench, &planar));
-    let own = Kind::ALL.map(|kind| run.bench.count(Manifold::R2, kind));
-    let ball = if run.bench.extent.radii_m.contains(&0.2) { 0.2 } else { 0.1 };
-    let radius = if run.bench.extent.radii_m.contains(&0.5) { 0.5 } else { 0.1 };
-    let wanted: [(&str, &str, &str, Chosen); 4] = [
-        (
-            "Figure 5.5: rollouts with the demonstrated frames",
-            "tracking",
-            "as demonstrated",
-            Box::new(move |case| {
-                case.instance == 0
-                    && matches!(case.compared, Compared::Learned(kind, count) if count == own[usize::from(kind == Kind::Thesis)])
-            }),
-        ),
-        (
-            "Figure 5.10: goal on a circle of 0.5 m",
-            "radius",
-            "circle",
-            Box::new(move |case| case.x == radius),
-        ),
-        (
-            "Figure 5.11: goal on a circle, and a push of 10 N",
-            "disturbance",
-            "pushed",
-            Box::new(|case| case.x == 10.0),
-        ),
-        (
-            "Figure 5.15: obstacle in the way",
-            "obstacle",
-            "obstacle",
-            Box::new(move |case| case.x == ball),
-        ),
-    ];
-    for (title, experiment, what, chosen) in wanted {
-        let cases: Vec<&Case> =
-            run.cases.iter().filter(|case| case.experiment == experiment && chosen(case)).collect();
-        pictures.extend(rollouts(run, title, what, &planar, &cases));
-    }
+    // A quick run has few radii.
+    let radii_m = &run.bench.extent.radii_m;
+    let radius = |wanted| if radii_m.contains(&wanted) { wanted } else { 0.1 };
+    let (circle_m, ball_m) = (radius(0.5), radius(0.2));
+    let rollouts = |title, what, experiment, chosen: &dyn Fn(&&Case) -> bool| {
+        let own = run.cases.iter().filter(|case| case.experiment == experiment);
+        Rollouts::new(run, own.filter(chosen).collect())?.picture(title, what, &planar)
+    };
+    let own = |case: &&Case| {
+        let policy = case.compared.policy;
+        case.instance == 0
+            && PolicyKind::LEARNED.contains(&policy)
+            && case.compared.components == run.bench.files.count(Space::Planar, policy)
+    };
+    let mut pictures = vec![demonstrations(run.bench.skills, &planar)];
+    let title = "Figure 5.5: rollouts with the demonstrated frames";
+    pictures.extend(rollouts(title, "as demonstrated", Experiment::Tracking, &own));
+    let title = "Figure 5.10: goal on a circle of 0.5 m";
+    let chosen = |case: &&Case| case.setting.x() == circle_m;
+    pictures.extend(rollouts(title, "circle", Experiment::Radius, &chosen));
+    let title = "Figure 5.11: goal on a circle, and a push of 10 N";
+    let chosen = |case: &&Case| case.setting.x() == 10.0;
+    pictures.extend(rollouts(title, "pushed", Experiment::Disturbance, &chosen));
+    let title = "Figure 5.15: obstacle in the way";
+    let chosen = |case: &&Case| case.setting.x() == ball_m;
+    pictures.extend(rollouts(title, "obstacle", Experiment::Obstacle, &chosen));
     pictures
 }
 
 /// A small panel around points.
-pub(super) fn panel(title: &str, points: impl Iterator<Item = DVec2>) -> Panel {
+pub(crate) fn panel(title: &str, points: impl Iterator<Item = DVec2>) -> Panel {
     let (low, high) = points
         .fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
     let middle = 0.5 * (low + high);
@@ -91,39 +75,38 @@ pub(super) fn panel(title: &str, points: impl Iterator<Item = DVec2>) -> Panel {
 }
 
 /// All demonstrated points.
-pub(super) fn points(set: &SkillSet) -> impl Iterator<Item = DVec2> + '_ {
-    set.demonstrations.iter().flat_map(|d| d.poses.iter().map(|pose| flat(pose.position)))
+pub(crate) fn points(set: &SkillSet) -> impl Iterator<Item = DVec2> + '_ {
+    set.demonstrations.iter().flat_map(|d| flat_path(&d.poses))
 }
 
 /// Panels in rows.
-pub(super) fn grid(title: &str, legend: Vec<(String, Sign)>, panels: Vec<Panel>) -> String {
+pub(crate) fn grid(title: &str, legend: Vec<(String, Sign)>, panels: Vec<Panel>) -> String {
     let rows = panels.chunks(COLUMNS).map(<[Panel]>::to_vec).collect();
     Figure { title: title.into(), legend, rows, bar: None }.svg()
 }
 
 /// Figure 5.1.
-fn demonstrations(bench: &Bench, planar: &[usize]) -> Picture {
+fn demonstrations(skills: &[SkillSet], planar: &[usize]) -> Picture {
     let panels = planar
         .iter()
         .map(|i| {
-            let set = &bench.skills[*i];
+            let set = &skills[*i];
             let mut panel = panel(&set.name, points(set));
-            for shown in &set.demonstrations {
-                let line = Stroke { dashes: "", ..stroke(Kind::Canonical) };
-                panel.line(shown.poses.iter().map(|pose| flat(pose.position)), &line);
-                frame(&mut panel, &shown.start);
-                frame(&mut panel, &shown.goal_frame);
-                panel.star(flat(shown.poses[shown.poses.len() - 1].position));
+            for demonstration in &set.demonstrations {
+                let poses = &demonstration.poses;
+                panel.line(flat_path(poses), &stroke(PolicyKind::Canonical));
+                frame(&mut panel, &demonstration.start);
+                frame(&mut panel, &demonstration.goal_frame);
+                panel.star(poses[poses.len() - 1].position.truncate());
             }
             panel
         })
         .collect();
-    let sets = || planar.iter().map(|i| &bench.skills[*i]);
+    let sets = || planar.iter().map(|i| &skills[*i]);
     let turning = |set: &SkillSet| {
-        let path: Vec<DVec2> =
-            set.demonstrations[0].poses.iter().map(|pose| flat(pose.position)).collect();
-        let every = (path.len() / 40).max(1);
-        let coarse: Vec<DVec2> = path.into_iter().step_by(every).collect();
+        let poses = &set.demonstrations[0].poses;
+        let every = (poses.len() / 40).max(1);
+        let coarse: Vec<DVec2> = flat_path(poses).step_by(every).collect();
         coarse
             .windows(3)
             .map(|p| (p[1] - p[0]).angle_to(p[2] - p[1]))
@@ -136,99 +119,112 @@ fn demonstrations(bench: &Bench, planar: &[usize]) -> Picture {
     let most = turns.iter().copied().fold(0.0, f64::max);
     let title = "Figure 5.1: the demonstrations";
     let caption = format!(
-        "{} planar skills with {} demonstrations in all; their ways turn by {least:.1} to {most:.1} rad in \
+        "{} planar skills with {} demonstrations in all; their paths turn by {least:.1} to {most:.1} rad in \
          all. Frames: x red, y green; each star is a goal.",
         planar.len(),
         sets().map(|set| set.demonstrations.len()).sum::<usize>()
     );
     let legend = vec![
-        ("demonstration".into(), Sign::Line(stroke(Kind::Canonical))),
+        ("demonstration".into(), Sign::Line(stroke(PolicyKind::Canonical))),
         ("goal".into(), Sign::Star),
     ];
     Picture { name: title.into(), svg: grid(title, legend, panels), caption }
 }
 
-fn frame(panel: &mut Panel, pose: &tprmp_spatial::Pose) {
+fn frame(panel: &mut Panel, pose: &Pose) {
     let [low, high] = panel.range();
     let arm = 0.08 * (high - low).x;
-    for (axis, colour) in [(DVec3::X, "#d62728"), (DVec3::Y, "#2ca02c")] {
+    for (axis, colour) in [(DVec3::X, AXES[0]), (DVec3::Y, AXES[1])] {
         let tip = pose.position + pose.orientation * axis * arm;
-        let line = Stroke { colour, width: 1.6, dashes: "", rim: false };
-        panel.line([flat(pose.position), flat(tip)], &line);
+        panel.line([pose.position.truncate(), tip.truncate()], &Stroke::solid(colour, 1.6));
     }
 }
 
 /// Rollouts of both learned policies under one condition.
-fn rollouts(
-    run: &Run,
-    title: &str,
-    what: &str,
-    planar: &[usize],
-    cases: &[&Case],
-) -> Option<Picture> {
-    if cases.is_empty() {
-        return None;
+struct Rollouts<'a> {
+    skills: &'a [SkillSet],
+    /// Each with its outcome, where the policy could be trained.
+    cases: Vec<(&'a Case, Option<RunOutcome>)>,
+}
+
+impl<'a> Rollouts<'a> {
+    /// `None` without cases.
+    fn new(run: &Run<'a>, cases: Vec<&'a Case>) -> Option<Self> {
+        let cases: Vec<_> =
+            cases.into_par_iter().map(|case| (case, run.bench.follow(case))).collect();
+        (!cases.is_empty()).then_some(Self { skills: run.bench.skills, cases })
     }
-    let traces: Vec<Option<Trace>> = cases.par_iter().map(|case| run.bench.follow(case)).collect();
-    let mut reached = [(0, 0); 2];
-    let panels = planar
-        .iter()
-        .map(|i| {
-            let set = &run.bench.skills[*i];
-            let own = || cases.iter().zip(&traces).filter(|(case, _)| case.skill == *i);
-            let goals = own()
-                .filter_map(|(_, trace)| trace.as_ref())
-                .flat_map(|t| t.goals.iter().map(|goal| flat(*goal)).collect::<Vec<_>>());
-            let shown = || set.demonstrations[0].poses.iter().map(|pose| flat(pose.position));
-            let mut panel = panel(&set.name, shown().chain(goals));
-            panel.line(shown(), &SHOWN);
-            for (case, trace) in own() {
-                let (Compared::Learned(kind, _), Some(trace)) = (case.compared, trace) else {
-                    continue;
-                };
-                let count = &mut reached[usize::from(kind == Kind::Thesis)];
-                count.1 += 1;
-                let touched = trace.clearance_min_m.is_some_and(|c| c <= 0.0);
-                count.0 += usize::from(trace.goal_error_m <= case.tolerance[0] && !touched);
-                if kind == Kind::Canonical {
-                    panel.line(trace.goals.iter().map(|goal| flat(*goal)), &CIRCLE);
-                    if let (Some(ball), Some(last)) = (case.course.ball, trace.goals.last()) {
-                        let shown = case.course.frames[1];
-                        let goal = case.course.goal(&MovingPose::at_rest(shown)).position;
-                        let center = flat(ball.center + (*last - goal) * 0.5);
-                        let ring = (0..=60).map(|i| {
-                            center
-                                + DVec2::from_angle(f64::from(i) / 60.0 * std::f64::consts::TAU)
-                                    * ball.radius_m
-                        });
-                        panel.line(
-                            ring,
-                            &Stroke { colour: "#1a1a1a", width: 1.4, dashes: "", rim: false },
-                        );
-                    }
-                    if let Some(goal) = trace.goals.last() {
-                        panel.star(flat(*goal));
-                    }
-                }
-                panel.line(trace.path.iter().map(|pose| flat(pose.position)), &stroke(kind));
-                if let Some(end) = trace.path.last() {
-                    panel.dot(flat(end.position), 3.0, stroke(kind).colour);
-                }
+
+    fn picture(&self, title: &str, what: &str, planar: &[usize]) -> Option<Picture> {
+        let panels = planar.iter().map(|skill| self.panel(*skill)).collect();
+        let [[own, own_all], [thesis, thesis_all]] =
+            PolicyKind::LEARNED.map(|policy| self.reached(policy));
+        let caption = format!(
+            "{what}: the default policy reaches the true goal in {own} of {own_all} cases, the thesis' \
+             policy in {thesis} of {thesis_all}. The demonstration is dashed; the goal's path dotted; \
+             dots show where a rollout ended.",
+        );
+        let mut legend: Vec<_> =
+            PolicyKind::LEARNED.map(|p| (p.words(), Sign::Line(stroke(p)))).into();
+        legend.push(("demonstration".into(), Sign::Line(DEMONSTRATED)));
+        legend.push(("goal's path".into(), Sign::Line(CIRCLE)));
+        Some(Picture { name: title.into(), svg: grid(title, legend, panels), caption })
+    }
+
+    /// The outcomes of the learned policies on a skill, or on all.
+    fn outcomes(&self, skill: Option<usize>) -> impl Iterator<Item = (&'a Case, &RunOutcome)> {
+        let own = move |case: &Case| skill.is_none_or(|skill| case.skill == skill);
+        self.cases
+            .iter()
+            .filter(move |(case, _)| {
+                own(case) && PolicyKind::LEARNED.contains(&case.compared.policy)
+            })
+            .filter_map(|(case, outcome)| Some((*case, outcome.as_ref()?)))
+    }
+
+    /// How many reach the true goal without a contact, of how many.
+    fn reached(&self, policy: PolicyKind) -> [usize; 2] {
+        let own: Vec<_> =
+            self.outcomes(None).filter(|(case, _)| case.compared.policy == policy).collect();
+        let reached = own.iter().filter(|(case, outcome)| {
+            outcome.goal_error_m <= case.experiment.tolerance()[0] && !outcome.collided()
+        });
+        [reached.count(), own.len()]
+    }
+
+    fn panel(&self, skill: usize) -> Panel {
+        let set = &self.skills[skill];
+        let demonstrated = || flat_path(&set.demonstrations[0].poses);
+        let own: Vec<_> = self.outcomes(Some(skill)).collect();
+        let goals = own.iter().flat_map(|(_, outcome)| outcome.goals.iter().map(|p| p.truncate()));
+        let mut panel = panel(&set.name, demonstrated().chain(goals));
+        panel.line(demonstrated(), &DEMONSTRATED);
+        for (case, outcome) in &own {
+            let policy = case.compared.policy;
+            if policy == PolicyKind::Canonical
+                && let Some(last) = outcome.goals.last()
+            {
+                panel.line(outcome.goals.iter().map(|goal| goal.truncate()), &CIRCLE);
+                ball(&mut panel, case, *last);
+                panel.star(last.truncate());
             }
-            panel
-        })
-        .collect();
-    let [own, thesis] = reached;
-    let caption = format!(
-        "{what}: the default policy reaches the true goal in {} of {} cases, the thesis' policy in {} of {}. The \
-         demonstration is dashed; the goal's way dotted; dots show where a rollout ended.",
-        own.0, own.1, thesis.0, thesis.1
-    );
-    let legend = vec![
-        ("canonical".into(), Sign::Line(stroke(Kind::Canonical))),
-        ("thesis".into(), Sign::Line(stroke(Kind::Thesis))),
-        ("demonstration".into(), Sign::Line(SHOWN)),
-        ("goal's way".into(), Sign::Line(CIRCLE)),
-    ];
-    Some(Picture { name: title.into(), svg: grid(title, legend, panels), caption })
+            panel.line(flat_path(&outcome.path), &stroke(policy));
+            if let Some(end) = outcome.path.last() {
+                panel.dot(end.position.truncate(), 3.0, stroke(policy).colour);
+            }
+        }
+        panel
+    }
+}
+
+/// The ball, when there is one, for where the goal is.
+fn ball(panel: &mut Panel, case: &Case, goal: DVec3) {
+    let Some(ball) = case.conditions.ball else { return };
+    let demonstrated = MovingPose::at_rest(case.conditions.frames[1]);
+    let shift = (goal - case.conditions.goal(&demonstrated).position) * 0.5;
+    let ring = (0..=60).map(|i| {
+        let angle = f64::from(i) / 60.0 * std::f64::consts::TAU;
+        (ball.center + shift).truncate() + DVec2::from_angle(angle) * ball.radius_m
+    });
+    panel.line(ring, &BALL);
 }

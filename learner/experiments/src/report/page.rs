@@ -1,38 +1,18 @@
-//! The report: every figure beside what the thesis published, and what the default policy must do.
+//! The page, and the summary on the terminal.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::time::Duration;
 
-use super::protocol::{Bench, Case};
-use super::results::Row;
-use super::verdict::Verdict;
 use tprmp_drawing::{Cell, Page};
 
-mod boxes;
-mod fields;
-mod paths;
-
-/// All that a run gave.
-pub struct Run<'a> {
-    /// Skills and models.
-    pub bench: &'a Bench<'a>,
-    /// The rollouts.
-    pub cases: &'a [Case],
-    /// What they gave, then stability and times.
-    pub rows: &'a [Row],
-    /// Times of control iterations.
-    pub timed: &'a [(Row, Vec<f64>)],
-    /// What the default policy must do.
-    pub verdicts: &'a [Verdict],
-    /// How long the training took.
-    pub trained: Duration,
-    /// How long all took.
-    pub elapsed: Duration,
-}
+use crate::conditions::DURATION_S;
+use crate::experiment::{Experiment, PolicyKind};
+use crate::report::content::Run;
+use crate::report::{boxes, fields, obstacle, paths, stability, times};
+use crate::verdict::Verdict;
 
 /// The table of verdicts as text.
-#[must_use]
-pub fn summary(verdicts: &[Verdict], failures: &[String]) -> String {
+pub(crate) fn summary(verdicts: &[Verdict], failures: &[String]) -> String {
     let mut text = String::new();
     for verdict in verdicts {
         let sign = match verdict.holds {
@@ -40,7 +20,7 @@ pub fn summary(verdicts: &[Verdict], failures: &[String]) -> String {
             Some(false) => "FAIL",
             None => "-",
         };
-        writeln!(text, "{sign:<5} {}\n      {}", verdict.demand, verdict.measured)
+        writeln!(text, "{sign:<5} {}\n      {}", verdict.requirement, verdict.measured)
             .expect("a string grows");
         if !verdict.failures.is_empty() {
             let first: Vec<&str> = verdict.failures.iter().take(6).map(String::as_str).collect();
@@ -56,8 +36,7 @@ pub fn summary(verdicts: &[Verdict], failures: &[String]) -> String {
 }
 
 /// The self-contained page.
-#[must_use]
-pub fn page(run: &Run) -> String {
+pub(crate) fn page(run: &Run) -> String {
     let bench = run.bench;
     let mut page = Page::new(&format!("Experiments on “{}”", bench.dataset));
     page.paragraph(&format!(
@@ -69,16 +48,19 @@ pub fn page(run: &Run) -> String {
         seed = bench.seed,
         seconds = run.elapsed.as_secs_f64(),
         training = run.trained.as_secs_f64(),
-        duration = super::protocol::DURATION_S,
+        duration = DURATION_S,
     ));
     page.section("What the default policy must do");
-    page.table(&["", "demand", "measured"], run.verdicts.iter().map(verdict_row));
+    page.table(&["", "requirement", "measured"], run.verdicts.iter().map(verdict_row));
     if !bench.models.failures.is_empty() {
         page.section("Not trained");
         page.list(&bench.models.failures);
     }
     page.section("Figures");
     let mut pictures = boxes::pictures(run);
+    pictures.extend(obstacle::picture(run));
+    pictures.extend(times::picture(run));
+    pictures.extend(stability::picture(run));
     pictures.extend(paths::pictures(run));
     pictures.extend(fields::pictures(run));
     pictures.sort_by(|a, b| order(&a.name).total_cmp(&order(&b.name)));
@@ -114,15 +96,14 @@ fn verdict_row(verdict: &Verdict) -> Vec<Cell> {
         let summary = format!("{} failures", verdict.failures.len());
         measured = measured.with_details(&summary, &verdict.failures.join("; "));
     }
-    vec![Cell::verdict(verdict.holds, word), (&verdict.demand).into(), measured]
+    vec![Cell::verdict(verdict.holds, word), (&verdict.requirement).into(), measured]
 }
 
 /// Every rollout that did not reach its goal, or touched an obstacle though it need not have.
 fn list_failures(page: &mut Page, run: &Run) {
-    let mut groups: std::collections::BTreeMap<(String, String), (usize, Vec<String>)> =
-        std::collections::BTreeMap::new();
+    let mut groups: BTreeMap<(PolicyKind, Experiment), (usize, Vec<String>)> = BTreeMap::new();
     for row in run.rows.iter().filter(|row| row.iteration_us.is_none()) {
-        let group = groups.entry((row.policy.clone(), row.experiment.clone())).or_default();
+        let group = groups.entry((row.policy, row.experiment)).or_default();
         group.0 += 1;
         if row.feasible && (!row.reached || row.collided) {
             let how = match row.goal_error_m {

@@ -1,0 +1,54 @@
+//! Paths of points.
+
+use glam::DVec3;
+use tprmp_learner::demonstration::Demonstration;
+use tprmp_spatial::Pose;
+
+/// The positions of poses.
+pub(crate) fn positions(poses: &[Pose]) -> Vec<DVec3> {
+    poses.iter().map(|pose| pose.position).collect()
+}
+
+/// How long a demonstration takes [s].
+pub(crate) fn duration_s(demonstration: &Demonstration) -> f64 {
+    (demonstration.poses.len() - 1) as f64 * demonstration.sampling_time_s
+}
+
+/// How long demonstrations, of which there is at least one, take on average [s].
+pub(crate) fn mean_duration_s(demonstrations: &[Demonstration]) -> f64 {
+    demonstrations.iter().map(duration_s).sum::<f64>() / demonstrations.len() as f64
+}
+
+/// A path's point, velocity and acceleration by central differences; at rest after its end.
+pub(crate) fn sampled(points: &[DVec3], step_s: f64, time_s: f64) -> [DVec3; 3] {
+    let last = points.len() - 1;
+    let at = (time_s / step_s).max(0.0);
+    if at >= last as f64 {
+        return [points[last], DVec3::ZERO, DVec3::ZERO];
+    }
+    let i = at as usize;
+    let difference = |k: usize| {
+        let (a, b, c) = (points[k.saturating_sub(1)], points[k], points[(k + 1).min(last)]);
+        let between = if k == 0 || k == last { 1.0 } else { 2.0 };
+        let second =
+            if k == 0 || k == last { DVec3::ZERO } else { (a - 2.0 * b + c) / step_s.powi(2) };
+        [b, (c - a) / (between * step_s), second]
+    };
+    let ([p, v, a], [q, w, b]) = (difference(i), difference(i + 1));
+    let fraction = at - i as f64;
+    [p.lerp(q, fraction), v.lerp(w, fraction), a.lerp(b, fraction)]
+}
+
+/// The point of a path at half its length.
+pub(crate) fn middle(points: &[DVec3]) -> DVec3 {
+    let length = |points: &[DVec3]| points.windows(2).map(|p| (p[1] - p[0]).length()).sum::<f64>();
+    let half = 0.5 * length(points);
+    let mut length = 0.0;
+    for pair in points.windows(2) {
+        length += (pair[1] - pair[0]).length();
+        if length >= half {
+            return pair[1];
+        }
+    }
+    points[points.len() - 1]
+}
