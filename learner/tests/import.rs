@@ -26,7 +26,7 @@ fn velocity(t: f64) -> DVec3 {
     DVec3::new(0.3, 0.4 * t, -0.1)
 }
 
-fn turn(t: f64) -> DQuat {
+fn orientation(t: f64) -> DQuat {
     DQuat::from_rotation_x(0.5 * t)
 }
 
@@ -53,27 +53,31 @@ fn imported(path: &Path, selection: &Selection) -> Result<Vec<PathBuf>, FileErro
 fn refused(name: &str, bytes: &[u8], selection: &Selection, expected: &[&str]) {
     let line = std::panic::Location::caller().line();
     let folder = Folder::new(&format!("import-refused-{line}"));
-    folder.write("shown.frames.json", &frames(["ee_start", "object"]));
+    folder.write("demonstration.frames.json", &frames(["ee_start", "object"]));
     let path = write(&folder, name, bytes);
     let message = imported(&path, selection).unwrap_err().to_string();
-    for part in expected.iter().chain(&["shown"]) {
+    for part in expected.iter().chain(&["demonstration"]) {
         assert!(message.contains(part), "`{message}` does not say `{part}`");
     }
     assert!(!folder.path().join("out").exists(), "nothing is written");
 }
 
 /// The path of the formulas, whatever its format was.
-fn check(shown: &Demonstration, step_s: f64) {
-    assert_eq!(shown.skill, "made_up");
-    assert!((shown.sampling_time_s - step_s).abs() < 1e-9, "{}", shown.sampling_time_s);
-    for (i, pose) in shown.poses.iter().enumerate() {
+fn check(demonstration: &Demonstration, step_s: f64) {
+    assert_eq!(demonstration.skill, "made_up");
+    assert!(
+        (demonstration.sampling_time_s - step_s).abs() < 1e-9,
+        "{}",
+        demonstration.sampling_time_s
+    );
+    for (i, pose) in demonstration.poses.iter().enumerate() {
         let mut expected = position(i as f64 * step_s);
-        if shown.manifold == Manifold::R2 {
+        if demonstration.manifold == Manifold::R2 {
             expected.z = 0.0;
         }
         assert!((pose.position - expected).length() < 2e-6, "{i}");
-        if shown.manifold.has_orientation() {
-            assert!(pose.orientation.dot(turn(i as f64 * step_s)).abs() > 1.0 - 1e-9, "{i}");
+        if demonstration.manifold.has_orientation() {
+            assert!(pose.orientation.dot(orientation(i as f64 * step_s)).abs() > 1.0 - 1e-9, "{i}");
         }
     }
 }
@@ -93,7 +97,7 @@ fn frames(names: [&str; 2]) -> String {
 fn table() -> String {
     let mut text = String::from("time_s,x_m,y_m,z_m,qw,qx,qy,qz,vx_m_s,vy_m_s,vz_m_s,note\n");
     for t in times() {
-        let (p, q, v) = (position(t), turn(t), velocity(t));
+        let (p, q, v) = (position(t), orientation(t), velocity(t));
         text += &format!(
             "{t},{},{},{},{},{},{},{},{},{},{},a\n",
             p.x, p.y, p.z, q.w, q.x, q.y, q.z, v.x, v.y, v.z
@@ -105,38 +109,39 @@ fn table() -> String {
 #[test]
 fn tables_are_imported() {
     let folder = Folder::new("import-table");
-    folder.write("shown.frames.json", &frames(["ee_start", "object"]));
+    folder.write("demonstration.frames.json", &frames(["ee_start", "object"]));
     // A byte order mark, spaces and the line ends of another system.
     let text = format!("\u{feff}{}", table().replace(',', ", ").replace('\n', "\r\n"));
-    let path = folder.write("shown.csv", &text);
+    let path = folder.write("demonstration.csv", &text);
     let written = imported(&path, &selection()).unwrap();
-    assert_eq!(written, [folder.path().join("out/shown.json")]);
-    let shown = read(&written[0], "ee_start", "object").unwrap();
-    check(&shown, STEP_S);
-    assert_eq!((shown.poses.len(), shown.manifold), (SAMPLES, Manifold::R3S3));
-    assert_eq!(shown.goal_frame.position.to_array(), [0.5, 0.2, 0.0]);
+    assert_eq!(written, [folder.path().join("out/demonstration.json")]);
+    let demonstration = read(&written[0], "ee_start", "object").unwrap();
+    check(&demonstration, STEP_S);
+    assert_eq!((demonstration.poses.len(), demonstration.manifold), (SAMPLES, Manifold::R3S3));
+    assert_eq!(demonstration.goal_frame.position.to_array(), [0.5, 0.2, 0.0]);
 
     let halved = Selection { sampling_time_s: Some(0.01), ..selection() };
-    let shown = read(&imported(&path, &halved).unwrap()[0], "ee_start", "object").unwrap();
-    check(&shown, 0.01);
-    assert_eq!(shown.poses.len(), 2 * SAMPLES - 1);
+    let demonstration = read(&imported(&path, &halved).unwrap()[0], "ee_start", "object").unwrap();
+    check(&demonstration, 0.01);
+    assert_eq!(demonstration.poses.len(), 2 * SAMPLES - 1);
 
     // In the plane, with frames of other names.
     let planar: Vec<_> =
         times().map(|t| format!("{t},{},{}", position(t).x, position(t).y)).collect();
-    let path = folder.write("shown.csv", &format!("time_s,x_m,y_m\n{}\n", planar.join("\n")));
+    let path =
+        folder.write("demonstration.csv", &format!("time_s,x_m,y_m\n{}\n", planar.join("\n")));
     let [a, b] = ["ee_start", "object"].map(|name| Some(name.to_owned()));
     let named = Selection { start_frame: a, goal_frame: b, ..selection() };
-    let shown = read(&imported(&path, &named).unwrap()[0], "ee_start", "object").unwrap();
-    check(&shown, STEP_S);
-    assert_eq!(shown.manifold, Manifold::R2);
+    let demonstration = read(&imported(&path, &named).unwrap()[0], "ee_start", "object").unwrap();
+    check(&demonstration, STEP_S);
+    assert_eq!(demonstration.manifold, Manifold::R2);
 }
 
 #[test]
 fn wrong_tables_are_refused_by_line_and_column() {
     let good = table();
     let say = |text: &str, expected: &[&str]| {
-        refused("shown.csv", text.as_bytes(), &selection(), expected);
+        refused("demonstration.csv", text.as_bytes(), &selection(), expected);
     };
     say(&good.replace("time_s", "time"), &["column `time_s`", "found time, x_m"]);
     say(&good.replace(",qx", ",q1"), &["column `qx`"]);
@@ -158,18 +163,18 @@ fn wrong_tables_are_refused_by_line_and_column() {
         .collect();
     say(&fast, &["0.010000 s", "0.020000 s", "--recorded-at-s"]);
     let bare = Selection::default();
-    refused("shown.csv", good.as_bytes(), &bare, &["--skill"]);
+    refused("demonstration.csv", good.as_bytes(), &bare, &["--skill"]);
     let zero = Selection { sampling_time_s: Some(0.0), ..selection() };
-    refused("shown.csv", good.as_bytes(), &zero, &["--sampling-time-s", "positive"]);
+    refused("demonstration.csv", good.as_bytes(), &zero, &["--sampling-time-s", "positive"]);
     let other = Selection { start_frame: Some("tool".into()), ..selection() };
-    let found = ["frames.tool", "shown.frames.json", "ee_start, object, other"];
-    refused("shown.csv", good.as_bytes(), &other, &found);
-    refused("shown.tsv", good.as_bytes(), &selection(), &["extension", ".tsv"]);
+    let found = ["frames.tool", "demonstration.frames.json", "ee_start, object, other"];
+    refused("demonstration.csv", good.as_bytes(), &other, &found);
+    refused("demonstration.tsv", good.as_bytes(), &selection(), &["extension", ".tsv"]);
 
     let folder = Folder::new("import-no-frames");
-    let path = folder.write("shown.csv", &good);
+    let path = folder.write("demonstration.csv", &good);
     let message = imported(&path, &selection()).unwrap_err().to_string();
-    assert!(message.contains("shown.frames.json"), "{message}");
+    assert!(message.contains("demonstration.frames.json"), "{message}");
 }
 
 /// An array in NumPy's format.
@@ -204,7 +209,7 @@ fn archive(arrays: &[(&str, Vec<u8>)]) -> Vec<u8> {
 
 fn arrays() -> Vec<(&'static str, Vec<u8>)> {
     let poses = times().flat_map(|t| {
-        let (p, q) = (position(t), turn(t));
+        let (p, q) = (position(t), orientation(t));
         [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
     });
     let speeds: Vec<DVec3> = times().map(velocity).collect();
@@ -227,12 +232,12 @@ fn arrays() -> Vec<(&'static str, Vec<u8>)> {
 #[test]
 fn numpy_archives_are_imported() {
     let folder = Folder::new("import-npz");
-    let path = write(&folder, "shown.npz", &archive(&arrays()));
+    let path = write(&folder, "demonstration.npz", &archive(&arrays()));
     let written = imported(&path, &selection()).unwrap();
-    let shown = read(&written[0], "ee_start", "object").unwrap();
-    check(&shown, STEP_S);
-    assert_eq!(shown.poses.len(), SAMPLES);
-    assert!((shown.start.orientation.y - 0.8).abs() < 1e-6);
+    let demonstration = read(&written[0], "ee_start", "object").unwrap();
+    check(&demonstration, STEP_S);
+    assert_eq!(demonstration.poses.len(), SAMPLES);
+    assert!((demonstration.start.orientation.y - 0.8).abs() < 1e-6);
 }
 
 #[test]
@@ -244,7 +249,7 @@ fn wrong_numpy_archives_are_refused_by_array() {
             None => drop(all.remove(at)),
             Some(bytes) => all[at].1 = bytes,
         }
-        refused("shown.npz", &archive(&all), &selection(), expected);
+        refused("demonstration.npz", &archive(&all), &selection(), expected);
     };
     for name in ["poses", "time_s", "frames/object"] {
         say(name, None, &[&format!("array `{name}`"), "found only ["]);
@@ -271,8 +276,8 @@ fn wrong_numpy_archives_are_refused_by_array() {
     let fast = npy("<f8", "False", "50,", &floats(times().map(|t| 0.5 * t)));
     say("time_s", Some(fast), &["0.010000 s", "0.020000 s"]);
     let good = archive(&arrays());
-    refused("shown.npz", &good[..good.len() / 2], &selection(), &["archive", "zip"]);
-    refused("shown.npz", b"", &selection(), &["archive"]);
+    refused("demonstration.npz", &good[..good.len() / 2], &selection(), &["archive", "zip"]);
+    refused("demonstration.npz", b"", &selection(), &["archive"]);
 }
 
 fn element(kind: u32, data: &[u8]) -> Vec<u8> {
@@ -349,18 +354,18 @@ fn lasa_shapes_are_imported() {
         let written = imported(&path, &selection()).unwrap();
         assert_eq!(written.len(), 2);
         assert!(written[1].ends_with("out/made_up_02.json"));
-        let shown = read(&written[1], "start", "end").unwrap();
-        check(&shown, STEP_S);
-        assert_eq!((shown.poses.len(), shown.manifold), (SAMPLES, Manifold::R2));
-        assert_eq!(shown.start, shown.poses[0]);
-        assert_eq!(shown.goal_frame, shown.poses[SAMPLES - 1]);
+        let demonstration = read(&written[1], "start", "end").unwrap();
+        check(&demonstration, STEP_S);
+        assert_eq!((demonstration.poses.len(), demonstration.manifold), (SAMPLES, Manifold::R2));
+        assert_eq!(demonstration.start, demonstration.poses[0]);
+        assert_eq!(demonstration.goal_frame, demonstration.poses[SAMPLES - 1]);
     }
 }
 
 #[test]
 fn wrong_lasa_shapes_are_refused_by_variable() {
     let say = |bytes: &[u8], expected: &[&str]| {
-        refused("shown.mat", bytes, &selection(), expected);
+        refused("demonstration.mat", bytes, &selection(), expected);
     };
     let with = |name: &str, value: Option<Vec<u8>>| {
         let mut fields = lasa_fields();
@@ -402,11 +407,11 @@ fn valid() -> Vec<(&'static str, Vec<u8>)> {
         rows.join(", ")
     );
     vec![
-        ("shown.json", thesis.into_bytes()),
-        ("shown.csv", table().into_bytes()),
-        ("shown.npz", archive(&arrays())),
-        ("shown.mat", mat("demos", &lasa_fields(), true)),
-        ("shown.mat", mat("demos", &lasa_fields(), false)),
+        ("demonstration.json", thesis.into_bytes()),
+        ("demonstration.csv", table().into_bytes()),
+        ("demonstration.npz", archive(&arrays())),
+        ("demonstration.mat", mat("demos", &lasa_fields(), true)),
+        ("demonstration.mat", mat("demos", &lasa_fields(), false)),
     ]
 }
 
@@ -429,7 +434,7 @@ proptest! {
     #[test]
     fn random_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
         let folder = Folder::new("import-random");
-        folder.write("shown.frames.json", &frames(["ee_start", "object"]));
+        folder.write("demonstration.frames.json", &frames(["ee_start", "object"]));
         for (name, good) in valid() {
             survives(&folder, name, &bytes);
             // Behind a good beginning, which gets past the magic numbers.
@@ -438,8 +443,8 @@ proptest! {
             }
         }
         let text = String::from_utf8_lossy(&bytes).into_owned();
-        folder.write("shown.frames.json", &text);
-        survives(&folder, "shown.csv", &valid()[1].1);
+        folder.write("demonstration.frames.json", &text);
+        survives(&folder, "demonstration.csv", &valid()[1].1);
     }
 
     #[test]
@@ -448,7 +453,7 @@ proptest! {
         early in any::<bool>(),
     ) {
         let folder = Folder::new("import-spoiled");
-        folder.write("shown.frames.json", &frames(["ee_start", "object"]));
+        folder.write("demonstration.frames.json", &frames(["ee_start", "object"]));
         for (name, mut bytes) in valid() {
             // Early bytes hold the structure, late ones mostly numbers.
             let length = if early { bytes.len().min(400) } else { bytes.len() };

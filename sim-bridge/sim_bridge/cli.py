@@ -256,12 +256,8 @@ def _add_experiments(commands: argparse._SubParsersAction) -> None:
 
 
 def _experiments(parsed: argparse.Namespace) -> int:
-    from sim_bridge.experiments.runner import (
-        EXPERIMENTS,
-        Settings,
-        experiments,
-        workers_of_this_machine,
-    )
+    from sim_bridge.experiments.episode import Settings
+    from sim_bridge.experiments.runner import EXPERIMENTS, experiments, workers_of_this_machine
 
     names = [experiment.name for experiment in EXPERIMENTS]
     for name in parsed.only:

@@ -162,8 +162,6 @@ class Instance:
 class _Ports:
     """Ports of an instance; closed at the end of the `with` block, without leftovers."""
 
-    PORTS: tuple[str, ...]
-
     def __init__(self, instance: Instance) -> None:
         self._instance = instance
         self._node = instance.node()
@@ -174,13 +172,13 @@ class _Ports:
             raise
 
     def _open(self, instance: Instance, node: iceoryx2.Node) -> None:
-        """Opens each of `PORTS`."""
+        """Opens the ports, as attributes."""
         raise NotImplementedError
 
     def close(self) -> None:
         """Closes every port and then the node, and removes what they leave."""
-        for port in self.PORTS:
-            self.__dict__.pop(port, None)
+        for port in [name for name in vars(self) if not name.startswith("_")]:
+            delattr(self, port)
         self._node = None
         self._instance.remove_leftovers()
 
@@ -193,8 +191,6 @@ class _Ports:
 
 class StatePublisherPorts(_Ports):
     """The ports of a state publisher."""
-
-    PORTS = ("state", "frames", "command", "status")
 
     def _open(self, instance: Instance, node: iceoryx2.Node) -> None:
         self.state = instance.publisher(node, "robot_state", RobotState)
@@ -223,8 +219,6 @@ class StatePublisherPorts(_Ports):
 
 class ToolCommandPorts(_Ports):
     """The ports of an external command of the tool, beside the skill."""
-
-    PORTS = ("command", "state")
 
     def _open(self, instance: Instance, node: iceoryx2.Node) -> None:
         self.command = instance.publisher(node, "tool_command", ToolCommand)

@@ -24,7 +24,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const START: [f64; 2] = [-0.4, 0.1];
 const GOAL: [f64; 2] = [0.5, 0.3];
 
-/// A point in the plane that is led by hand.
+/// A point in the plane that is guided by hand.
 struct Robot {
     ports: StatePublisherPorts,
     state: RobotState,
@@ -105,7 +105,7 @@ impl Recorder {
         command
             .args(["record", &file("config/controllers/planar.ron")])
             .args(["--skill", skill])
-            .args(["--out", &place.path("shown"), "--instance", &place.instance])
+            .args(["--out", &place.path("recorded"), "--instance", &place.instance])
             .args(options)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
@@ -191,22 +191,24 @@ impl Drop for Recorder {
 
 /// Names in the folder of demonstrations.
 fn names(place: &Place) -> Vec<String> {
-    let entries = fs::read_dir(place.path("shown")).unwrap().flatten();
+    let entries = fs::read_dir(place.path("recorded")).unwrap().flatten();
     let mut names: Vec<_> = entries.map(|e| e.file_name().into_string().unwrap()).collect();
     names.sort();
     names
 }
 
 fn read(place: &Place, name: &str) -> Demonstration {
-    demonstration::read(Path::new(&place.path(&format!("shown/{name}"))), "start", "end").unwrap()
+    demonstration::read(Path::new(&place.path(&format!("recorded/{name}"))), "start", "end")
+        .unwrap()
 }
 
 /// The largest distance [m] of the samples from what was published, where the first one is the
 /// published state that fits best.
-fn error_m(shown: &Demonstration, from: [f64; 2], to: [f64; 2]) -> f64 {
+fn error_m(demonstration: &Demonstration, from: [f64; 2], to: [f64; 2]) -> f64 {
     let error_at = |first: i32| {
-        let errors = shown.poses.iter().enumerate().map(|(k, pose)| {
-            let step = f64::from(first) + k as f64 * shown.sampling_time_s * 1e9 / STEP_NS as f64;
+        let errors = demonstration.poses.iter().enumerate().map(|(k, pose)| {
+            let step =
+                f64::from(first) + k as f64 * demonstration.sampling_time_s * 1e9 / STEP_NS as f64;
             let [x, y] = bow(from, to, step / f64::from(STEPS));
             (pose.position.x - x).hypot(pose.position.y - y)
         });
@@ -218,15 +220,15 @@ fn error_m(shown: &Demonstration, from: [f64; 2], to: [f64; 2]) -> f64 {
 #[test]
 fn what_is_written_is_what_was_published_one_file_a_motion() {
     let place = Place::new("record");
-    fs::create_dir_all(place.path("shown")).unwrap();
-    fs::write(place.path("shown/07.json"), "not mine").unwrap();
+    fs::create_dir_all(place.path("recorded")).unwrap();
+    fs::write(place.path("recorded/07.json"), "not mine").unwrap();
     let recorder = Recorder::start(&place, &["--count", "2", "--sampling-time-s", "0.008"]);
     recorder.wait_until("waiting for a state of the robot");
     let mut robot = Robot::new(&place);
     robot.rest_until(&recorder, "ready");
     robot.go(GOAL, |_, _| {});
     robot.rest_until(&recorder, "08.json: ");
-    // Shown from elsewhere, and the frame with it.
+    // Begun elsewhere, and the frame with it.
     let other = [-0.2, -0.3];
     robot.rest_until(&recorder, "ready");
     robot.frames.frames[0].position[..2].copy_from_slice(&GOAL);
@@ -238,16 +240,19 @@ fn what_is_written_is_what_was_published_one_file_a_motion() {
     assert_eq!(place.leftovers(), Vec::<PathBuf>::new());
 
     assert_eq!(names(&place), ["07.json", "08.json", "09.json"]);
-    assert_eq!(fs::read_to_string(place.path("shown/07.json")).unwrap(), "not mine");
+    assert_eq!(fs::read_to_string(place.path("recorded/07.json")).unwrap(), "not mine");
     for (name, from, to) in [("08.json", START, GOAL), ("09.json", GOAL, other)] {
-        let shown = read(&place, name);
-        assert_eq!((shown.skill.as_str(), shown.sampling_time_s), ("planar", 0.008));
+        let demonstration = read(&place, name);
+        assert_eq!(
+            (demonstration.skill.as_str(), demonstration.sampling_time_s),
+            ("planar", 0.008)
+        );
         // Six decimals, and straight lines between states.
-        let error = error_m(&shown, from, to);
+        let error = error_m(&demonstration, from, to);
         assert!(error < 5e-5, "{name}: {error} m");
-        let ends = [&shown.poses[0], &shown.poses[shown.poses.len() - 1]];
+        let ends = [&demonstration.poses[0], &demonstration.poses[demonstration.poses.len() - 1]];
         for ((end, at), frame) in
-            ends.into_iter().zip([from, to]).zip([&shown.start, &shown.goal_frame])
+            ends.into_iter().zip([from, to]).zip([&demonstration.start, &demonstration.goal_frame])
         {
             assert!((end.position.x - at[0]).hypot(end.position.y - at[1]) < 3e-4, "{name}");
             assert_eq!((frame.position.x, frame.position.y), (at[0], at[1]), "{name}");
@@ -257,7 +262,7 @@ fn what_is_written_is_what_was_published_one_file_a_motion() {
 }
 
 #[test]
-fn an_interrupt_keeps_what_was_shown_so_far_and_nothing_else() {
+fn an_interrupt_keeps_what_was_recorded_so_far_and_nothing_else() {
     let place = Place::new("record-interrupt");
     let recorder = Recorder::start(&place, &[]);
     let mut robot = Robot::new(&place);
@@ -305,7 +310,7 @@ fn frames_that_move_or_are_missing_are_named_and_nothing_is_written() {
     robot.rest_until(&recorder, "ready");
     assert_eq!(names(&place), Vec::<String>::new());
 
-    // A robot led by hand: nobody publishes a start frame.
+    // A robot guided by hand: nobody publishes a start frame.
     robot.frames = good;
     robot.frames.frames[0] = good.frames[1];
     robot.frames.frame_count = 1;
@@ -315,9 +320,12 @@ fn frames_that_move_or_are_missing_are_named_and_nothing_is_written() {
     assert!(said.contains("frame `start` is not published: the tool's pose"), "{said}");
     recorder.end();
     assert_eq!(names(&place), ["01.json"]);
-    let shown = read(&place, "01.json");
-    assert_eq!(shown.start, shown.poses[0]);
-    assert!((shown.start.position.x - from[0]).hypot(shown.start.position.y - from[1]) < 1e-5);
+    let demonstration = read(&place, "01.json");
+    assert_eq!(demonstration.start, demonstration.poses[0]);
+    assert!(
+        (demonstration.start.position.x - from[0]).hypot(demonstration.start.position.y - from[1])
+            < 1e-5
+    );
 }
 
 #[test]
@@ -339,7 +347,7 @@ fn further_frames_are_written_and_a_skill_of_one_frame_needs_no_other() {
         robot.state.position[..2].copy_from_slice(&START);
         robot.frames = good;
         if start == "end" {
-            // What nobody asks for is not looked at.
+            // A frame that no skill names is not looked at.
             robot.frames.frames[0].valid = 0;
         }
         if !others.is_empty() {
@@ -362,10 +370,11 @@ fn further_frames_are_written_and_a_skill_of_one_frame_needs_no_other() {
         // Training finds just the frames that it asks for.
         let alone = place.folder.join("alone");
         fs::create_dir_all(&alone).unwrap();
-        fs::copy(place.path(&format!("shown/{name}")), alone.join("shown.json")).unwrap();
+        fs::copy(place.path(&format!("recorded/{name}")), alone.join("demonstration.json"))
+            .unwrap();
         let skill = Skill::read(Path::new(&skill)).unwrap();
         let Skill { start_frame, goal_frame, other_frames, .. } = &skill;
-        let shown = demonstration::read_folder(
+        let demonstration = demonstration::read_folder(
             &alone,
             &skill.skill,
             skill.manifold,
@@ -373,12 +382,12 @@ fn further_frames_are_written_and_a_skill_of_one_frame_needs_no_other() {
             goal_frame,
             other_frames,
         );
-        let [shown] = &shown.unwrap()[..] else { panic!("one demonstration") };
+        let [demonstration] = &demonstration.unwrap()[..] else { panic!("one demonstration") };
         let at = |frame: &Pose| [frame.position.x, frame.position.y];
-        assert_eq!(at(&shown.goal_frame), GOAL);
-        assert_eq!(at(&shown.start), if start == "end" { GOAL } else { START });
-        assert!(shown.other_frames.values().all(|frame| at(frame) == [0.1, -0.2]));
-        let error = error_m(shown, START, GOAL);
+        assert_eq!(at(&demonstration.goal_frame), GOAL);
+        assert_eq!(at(&demonstration.start), if start == "end" { GOAL } else { START });
+        assert!(demonstration.other_frames.values().all(|frame| at(frame) == [0.1, -0.2]));
+        let error = error_m(demonstration, START, GOAL);
         assert!(error < 5e-5, "{error} m");
     }
 }
@@ -498,13 +507,13 @@ fn what_cannot_be_recorded_is_refused_before_anything_is_opened() {
         assert!(place.leftovers().is_empty());
     };
     let (config, skill) = (file("config/controllers/planar.ron"), file("config/skills/planar.ron"));
-    let out = place.path("shown");
+    let out = place.path("recorded");
     refused("none.ron", &skill, &["--out", &out], &["none.ron", "cannot be read"]);
     refused(&config, "none.ron", &["--out", &out], &["none.ron", "cannot be read"]);
     let pick = file("config/skills/pick.ron");
     refused(&config, &pick, &["--out", &out], &["tool_frame", "`point`", "`suction_tip`"]);
     refused(&config, &skill, &["--out", &out, "--sampling-time-s", "0"], &["0.001 to 0.1 s"]);
     fs::write(place.path("file"), "").unwrap();
-    let below = place.path("file/shown");
-    refused(&config, &skill, &["--out", &below], &["file/shown", "cannot be written"]);
+    let below = place.path("file/recorded");
+    refused(&config, &skill, &["--out", &below], &["file/recorded", "cannot be written"]);
 }

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::time::{Duration, Instant};
 
-use super::intake::{Fault, FrameStatus, FramesIntake};
+use super::intake::{Fault, FramesIntake, Unusable};
 use super::recorder::Stage;
 use super::recording::Task;
 
@@ -59,12 +59,12 @@ impl Announcer {
     }
 
     fn text(&self, status: Status, frames: &FramesIntake) -> Option<String> {
-        let frame = |name: &str, status: FrameStatus| {
-            let others = match status {
-                FrameStatus::Absent => format!(" (they are: {})", frames.published()),
+        let frame = |name: &str, why: Unusable| {
+            let others = match why {
+                Unusable::Absent => format!(" (they are: {})", frames.published()),
                 _ => String::new(),
             };
-            format!("waiting for frame `{name}`, which {status}{others}")
+            format!("waiting for frame `{name}`, which {why}{others}")
         };
         Some(match status {
             Status::NoPublisher => {
@@ -75,7 +75,7 @@ impl Announcer {
             }
             Status::Fault(fault) => format!("waiting for sound states: {fault}"),
             Status::Stage(Stage::Unsettled) => "waiting for the arm to come to rest".into(),
-            Status::Stage(Stage::FrameMissing(i, status)) => frame(&self.frames[i], status),
+            Status::Stage(Stage::FrameMissing(i, why)) => frame(&self.frames[i], why),
             Status::Stage(Stage::Ready) => "ready: waiting for the arm to move".into(),
             Status::Stage(Stage::Recording) => return None,
         })

@@ -1,7 +1,5 @@
 //! Checks of what arrives: nothing unchecked goes further.
 
-use std::fmt;
-
 use glam::{DQuat, DVec3};
 use tprmp_messages::{
     Frame, NAME_CAPACITY, QUATERNION_TOLERANCE, Reason, RobotState, TaskFrames, name_str,
@@ -20,36 +18,18 @@ const FRAMES_AGE_MAX_NS: u64 = 1_000_000_000;
 const OFF_PLANE_MAX_M: f64 = 5e-7;
 
 /// What is wrong with a state.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Fault {
-    /// Another number of joints than the robot's description.
+    #[error("a state has {found} joints, the robot's description has {expected}")]
     JointCount { expected: usize, found: u32 },
-    /// A joint position is not finite.
+    #[error("a joint position is not finite")]
     NotFinite,
-    /// The publisher was started again.
+    #[error("the sequence number went back, so the publisher was started again")]
     SequenceWentBack,
-    /// The clock of the states went back.
+    #[error("the time stamp of the states went back")]
     TimeWentBack,
-    /// The state before it is too long ago.
+    #[error("more than {} s lie between two states", GAP_MAX_NS as f64 * 1e-9)]
     Gap,
-}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::JointCount { expected, found } => {
-                write!(f, "a state has {found} joints, the robot's description has {expected}")
-            }
-            Self::NotFinite => f.write_str("a joint position is not finite"),
-            Self::SequenceWentBack => {
-                f.write_str("the sequence number went back, so the publisher was started again")
-            }
-            Self::TimeWentBack => f.write_str("the time stamp of the states went back"),
-            Self::Gap => {
-                write!(f, "more than {} s lie between two states", GAP_MAX_NS as f64 * 1e-9)
-            }
-        }
-    }
 }
 
 /// Checks states, one after the other.
@@ -120,60 +100,34 @@ impl StateIntake {
     }
 }
 
-/// What is known of a frame; as text it goes on after "a frame, which".
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum FrameStatus {
-    /// No frames have been published.
+/// Why a frame cannot be used; as text it goes on after "a frame, which".
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub(super) enum Unusable {
+    #[error("is not there: no task frames are published")]
     Nothing,
-    /// It is not among them.
+    #[error("is not among the published frames")]
     Absent,
-    /// It is marked invalid.
+    #[error("is published as invalid")]
     Invalid,
-    /// A number of it is not finite.
+    #[error("has a number that is not finite")]
     NotFinite,
-    /// Its quaternion is not of unit length.
+    #[error("has a quaternion that is not of unit length")]
     NotUnit,
-    /// The skill is planar, it is not.
+    #[error("is not in the plane: a planar skill has frames with z = 0, rotated about z")]
     NotPlanar,
-    /// The frames are older than the state by too much.
+    #[error("is older than the state by more than a second")]
     Stale,
-    /// X_BF.
-    Usable(Pose),
 }
 
-impl FrameStatus {
-    /// The frame, where it is usable.
-    pub(super) fn pose(self) -> Option<Pose> {
-        match self {
-            Self::Usable(pose) => Some(pose),
-            _ => None,
-        }
-    }
-}
-
-impl fmt::Display for FrameStatus {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Nothing => "is not there: no task frames are published",
-            Self::Absent => "is not among the published frames",
-            Self::Invalid => "is published as invalid",
-            Self::NotFinite => "has a number that is not finite",
-            Self::NotUnit => "has a quaternion that is not of unit length",
-            Self::NotPlanar => {
-                "is not in the plane: a planar skill has frames with z = 0, rotated about z"
-            }
-            Self::Stale => "is older than the state by more than a second",
-            Self::Usable(_) => "is usable",
-        })
-    }
-}
+/// X_BF of a frame.
+pub(super) type FrameStatus = Result<Pose, Unusable>;
 
 /// What is known of the frames of a skill, in the order of their names; beyond them there is
 /// nothing.
 pub(super) type Frames = [FrameStatus; FRAME_CAPACITY];
 
 /// No frames have been published.
-pub(super) const NO_FRAMES: Frames = [FrameStatus::Nothing; FRAME_CAPACITY];
+pub(super) const NO_FRAMES: Frames = [Err(Unusable::Nothing); FRAME_CAPACITY];
 
 /// Checks frames and keeps the newest.
 #[derive(Debug)]
@@ -221,10 +175,7 @@ impl FramesIntake {
     /// The frames as they count for a state of this time [ns].
     pub(super) fn at(&self, state_ns: u64) -> Frames {
         let stale = state_ns.saturating_sub(self.time_ns) > FRAMES_AGE_MAX_NS;
-        self.newest.map(|status| match status {
-            FrameStatus::Usable(_) if stale => FrameStatus::Stale,
-            status => status,
-        })
+        if stale { self.newest.map(|status| status.and(Err(Unusable::Stale))) } else { self.newest }
     }
 
     /// Names of all published frames, for people.
@@ -236,24 +187,23 @@ impl FramesIntake {
 }
 
 fn status(frames: &[Frame], name: &[u8; NAME_CAPACITY], planar: bool) -> FrameStatus {
-    let Some(frame) = Frame::find(frames, name) else { return FrameStatus::Absent };
-    match frame.check_pose() {
-        Ok(()) => {}
-        Err(Reason::FrameMissing) => return FrameStatus::Invalid,
-        Err(Reason::FrameNotFinite) => return FrameStatus::NotFinite,
-        Err(_) => return FrameStatus::NotUnit,
-    }
+    let frame = Frame::find(frames, name).ok_or(Unusable::Absent)?;
+    frame.check_pose().map_err(|reason| match reason {
+        Reason::FrameMissing => Unusable::Invalid,
+        Reason::FrameNotFinite => Unusable::NotFinite,
+        _ => Unusable::NotUnit,
+    })?;
     let [w, x, y, z] = frame.quaternion;
     let mut position = DVec3::from(frame.position);
     let mut orientation = DQuat::from_xyzw(x, y, z, w);
     if planar {
         if position.z.abs() > OFF_PLANE_MAX_M || x.hypot(y) > QUATERNION_TOLERANCE {
-            return FrameStatus::NotPlanar;
+            return Err(Unusable::NotPlanar);
         }
         position.z = 0.0;
         orientation = DQuat::from_xyzw(0.0, 0.0, z, w);
     }
-    FrameStatus::Usable(Pose { position, orientation: orientation.normalize() })
+    Ok(Pose { position, orientation: orientation.normalize() })
 }
 
 #[cfg(test)]
@@ -305,18 +255,18 @@ mod tests {
     fn every_defect_of_a_frame_is_found() {
         type Edit = fn(&mut TaskFrames);
         let cases: [(Edit, FrameStatus); 7] = [
-            (|m| m.frame_count = 1, FrameStatus::Absent),
-            (|m| m.frames[1].name[0] = b'x', FrameStatus::Absent),
-            (|m| m.frames[1].valid = 0, FrameStatus::Invalid),
-            (|m| m.frames[1].position[0] = f64::INFINITY, FrameStatus::NotFinite),
-            (|m| m.frames[1].quaternion = [0.9, 0.0, 0.0, 0.0], FrameStatus::NotUnit),
-            (|m| m.frames[1].position[2] = 0.01, FrameStatus::NotPlanar),
-            (|m| m.frames[1].quaternion = [0.0, 1.0, 0.0, 0.0], FrameStatus::NotPlanar),
+            (|m| m.frame_count = 1, Err(Unusable::Absent)),
+            (|m| m.frames[1].name[0] = b'x', Err(Unusable::Absent)),
+            (|m| m.frames[1].valid = 0, Err(Unusable::Invalid)),
+            (|m| m.frames[1].position[0] = f64::INFINITY, Err(Unusable::NotFinite)),
+            (|m| m.frames[1].quaternion = [0.9, 0.0, 0.0, 0.0], Err(Unusable::NotUnit)),
+            (|m| m.frames[1].position[2] = 0.01, Err(Unusable::NotPlanar)),
+            (|m| m.frames[1].quaternion = [0.0, 1.0, 0.0, 0.0], Err(Unusable::NotPlanar)),
         ];
         let names = ["start", "end"].map(|name| name_bytes(name).unwrap());
         let frame =
             |name| Frame { name, valid: 1, quaternion: [1.0, 0.0, 0.0, 0.0], ..Default::default() };
-        let usable = FrameStatus::Usable(Pose::IDENTITY);
+        let usable = Ok(Pose::IDENTITY);
         let mut good = TaskFrames { frame_count: 2, time_ns: 5, ..Default::default() };
         good.frames[..2].copy_from_slice(&names.map(frame));
         let mut intake = FramesIntake::new(names.to_vec(), Manifold::R2);
@@ -325,11 +275,11 @@ mod tests {
             let mut message = good;
             edit(&mut message);
             intake.update(&message);
-            assert_eq!(intake.at(5)[..3], [usable, expected, FrameStatus::Nothing]);
+            assert_eq!(intake.at(5)[..3], [usable, expected, Err(Unusable::Nothing)]);
         }
         intake.update(&good);
         assert_eq!(intake.at(5 + FRAMES_AGE_MAX_NS)[1], usable);
-        assert_eq!(intake.at(6 + FRAMES_AGE_MAX_NS)[1], FrameStatus::Stale);
+        assert_eq!(intake.at(6 + FRAMES_AGE_MAX_NS)[1], Err(Unusable::Stale));
         assert_eq!(intake.published(), "`start`, `end`");
         intake.forget();
         assert_eq!((intake.at(5), intake.published()), (NO_FRAMES, "none".into()));

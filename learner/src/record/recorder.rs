@@ -16,10 +16,9 @@ use std::collections::VecDeque;
 use tprmp_model::skill_model::FRAME_CAPACITY;
 use tprmp_spatial::Pose;
 
-use super::intake::{FrameStatus, Frames, NO_FRAMES};
+use super::intake::{Frames, NO_FRAMES, Unusable};
 use super::recording::{Recorded, Recording, Sample, Task};
 use crate::demonstration::DURATION_MAX_S;
-use crate::demonstration::plausibility::angle;
 
 /// Speeds are means over this time [ns].
 const WINDOW_NS: u64 = 100_000_000;
@@ -30,11 +29,6 @@ const MOVING_RAD_S: f64 = 0.05;
 /// A motion has ended when the tool has rested for so long; so much of the rest before a motion is
 /// looked at, too [ns].
 const REST_NS: u64 = 1_000_000_000;
-/// A frame that has gone farther than this has moved [m]; an object gives way by less when it is
-/// touched.
-const FRAME_MOVED_M: f64 = 0.005;
-/// … or rotated farther than this [rad].
-const FRAME_MOVED_RAD: f64 = 0.05;
 /// Longer motions are given up [ns].
 const DURATION_MAX_NS: u64 = (DURATION_MAX_S * 1e9) as u64;
 
@@ -55,7 +49,7 @@ pub(super) enum Stage {
     /// For the arm to rest.
     Unsettled,
     /// For a usable frame, by its place in [`Task::frames`].
-    FrameMissing(usize, FrameStatus),
+    FrameMissing(usize, Unusable),
     /// For the arm to move.
     Ready,
     /// For the arm to rest again: a demonstration is under way.
@@ -98,22 +92,21 @@ impl Recorder {
             Phase::Unsettled => Stage::Unsettled,
             Phase::Recording(_) => Stage::Recording,
             Phase::Ready => match self.missing() {
-                Some((i, _, status)) => Stage::FrameMissing(i, status),
+                Some((i, _, why)) => Stage::FrameMissing(i, why),
                 None => Stage::Ready,
             },
         }
     }
 
     /// The first frame that is needed and cannot be used: its place, its name, and why.
-    fn missing(&self) -> Option<(usize, &str, FrameStatus)> {
-        let frames = self.task.frames().zip(self.frames).enumerate();
+    fn missing(&self) -> Option<(usize, &str, Unusable)> {
         let required = self.task.required_frames.len();
-        let mut missing = frames.filter(|(i, (_, status))| match status {
-            FrameStatus::Usable(_) => false,
-            FrameStatus::Absent => *i < required,
-            _ => true,
-        });
-        missing.next().map(|(i, (name, status))| (i, name.as_str(), status))
+        let mut frames = self.task.frames().zip(self.frames).enumerate();
+        frames.find_map(|(i, (name, status))| match status {
+            Err(Unusable::Absent) if i >= required => None,
+            Err(why) => Some((i, name.as_str(), why)),
+            Ok(_) => None,
+        })
     }
 
     /// Handles where the tool was at `time_ns` [ns], later than the sample before, and what is
@@ -148,11 +141,11 @@ impl Recorder {
                 recording.samples.push(sample);
                 recording.skipped += skipped;
                 for (missing_ns, status) in recording.missing_ns.iter_mut().zip(frames) {
-                    if status.pose().is_none() {
+                    if status.is_err() {
                         *missing_ns += elapsed_ns;
                     }
                 }
-                if moves && let Some(moved) = moved_frame(recording, frames, &self.task) {
+                if moves && let Some(moved) = recording.moved_frame(frames, &self.task) {
                     return self.interrupt(&moved);
                 }
                 if time_ns - recording.samples[0].time_ns > DURATION_MAX_NS {
@@ -190,12 +183,12 @@ impl Recorder {
 
     /// The arm begins to move.
     fn begin(&mut self) -> Event {
-        if let Some((_, name, status)) = self.missing() {
-            let why = format!("the arm moves, but frame `{name}` {status}");
+        if let Some((_, name, why)) = self.missing() {
+            let why = format!("the arm moves, but frame `{name}` {why}");
             self.phase = Phase::Unsettled;
             return Event::Refused(why);
         }
-        let frames = self.frames.map(FrameStatus::pose);
+        let frames = self.frames.map(Result::ok);
         let recording = Recording {
             samples: self.recent.iter().copied().collect(),
             frames,
@@ -217,22 +210,6 @@ impl Recorder {
             Err(why) => Event::Refused(why),
         })
     }
-}
-
-/// Says which frame is no longer where it was when the motion began.
-fn moved_frame(recording: &Recording, frames: Frames, task: &Task) -> Option<String> {
-    task.frames().zip(recording.frames).zip(frames).find_map(|((name, before), now)| {
-        let (Some(before), Some(now)) = (before, now.pose()) else { return None };
-        let (m, rad) = ((now.position - before.position).length(), angle(&before, &now));
-        (m > FRAME_MOVED_M || rad > FRAME_MOVED_RAD).then(|| {
-            format!(
-                "frame `{name}` moved by {:.1} mm and {:.1}° while the arm did; the frames of a \
-                 demonstration rest",
-                m * 1e3,
-                rad.to_degrees()
-            )
-        })
-    })
 }
 
 #[cfg(test)]
@@ -277,8 +254,8 @@ mod tests {
             };
             let mut frames = NO_FRAMES;
             let count = task.frames().count();
-            frames[..count].fill(FrameStatus::Usable(at(DVec3::ZERO)));
-            frames[END] = FrameStatus::Usable(at(GOAL));
+            frames[..count].fill(Ok(at(DVec3::ZERO)));
+            frames[END] = Ok(at(GOAL));
             Self {
                 recorder: Recorder::new(task),
                 time_ns: 7_000_000_000,
@@ -399,7 +376,7 @@ mod tests {
     fn a_start_frame_that_nobody_publishes_is_the_tool_at_the_start() {
         let mut bench = Bench::new(Manifold::R3S3);
         bench.pose.orientation = DQuat::from_rotation_y(0.7);
-        bench.frames[START] = FrameStatus::Absent;
+        bench.frames[START] = Err(Unusable::Absent);
         bench.rest(1.2);
         let from = bench.pose;
         bench.demonstrate(GOAL, 2.0);
@@ -410,9 +387,9 @@ mod tests {
     #[test]
     fn a_motion_without_a_goal_is_refused_by_its_name_until_the_arm_rests_again() {
         for (start, goal, name) in [
-            (FrameStatus::Usable(Pose::IDENTITY), FrameStatus::Absent, "`end`"),
-            (FrameStatus::Nothing, FrameStatus::Nothing, "`end`"),
-            (FrameStatus::Invalid, FrameStatus::Usable(at(GOAL)), "`start`"),
+            (Ok(Pose::IDENTITY), Err(Unusable::Absent), "`end`"),
+            (Err(Unusable::Nothing), Err(Unusable::Nothing), "`end`"),
+            (Err(Unusable::Invalid), Ok(at(GOAL)), "`start`"),
         ] {
             let mut bench = Bench::new(Manifold::R3);
             let good = bench.frames;
@@ -420,7 +397,7 @@ mod tests {
             bench.rest(1.2);
             assert!(matches!(
                 bench.recorder.stage(),
-                Stage::FrameMissing(END, _) | Stage::FrameMissing(START, FrameStatus::Invalid)
+                Stage::FrameMissing(END, _) | Stage::FrameMissing(START, Unusable::Invalid)
             ));
             bench.go(GOAL, 2.0, |bench, t| {
                 if t > 0.5 {
@@ -441,7 +418,7 @@ mod tests {
         let mut bench = Bench::new(Manifold::R3S3);
         bench.rest(1.2);
         bench.go(GOAL, 2.0, |bench, t| {
-            bench.frames[END] = FrameStatus::Usable(at(GOAL + DVec3::new(0.0, 0.1 * t, 0.0)));
+            bench.frames[END] = Ok(at(GOAL + DVec3::new(0.0, 0.1 * t, 0.0)));
         });
         bench.rest(1.2);
         assert_eq!(bench.refusals().len(), 1);
@@ -449,17 +426,17 @@ mod tests {
         bench.go(DVec3::ZERO, 2.0, |bench, _| {
             // Noise of a camera.
             let side = if bench.time_ns % (2 * STEP_NS) == 0 { 1e-3 } else { 0.0 };
-            bench.frames[END] = FrameStatus::Usable(at(GOAL + DVec3::new(side, 0.0, 0.0)));
+            bench.frames[END] = Ok(at(GOAL + DVec3::new(side, 0.0, 0.0)));
         });
         // While the arm rests the object is put elsewhere.
         bench.rest(0.3);
-        bench.frames[END] = FrameStatus::Usable(at(2.0 * GOAL));
+        bench.frames[END] = Ok(at(2.0 * GOAL));
         bench.rest(1.0);
         assert_eq!((bench.refusals().len(), bench.recorded().len()), (1, 1));
-        bench.frames[START] = FrameStatus::Usable(at(DVec3::ZERO));
+        bench.frames[START] = Ok(at(DVec3::ZERO));
         bench.go(GOAL, 2.0, |bench, t| {
             let orientation = DQuat::from_rotation_z(0.1 * t);
-            bench.frames[START] = FrameStatus::Usable(Pose { orientation, ..Pose::IDENTITY });
+            bench.frames[START] = Ok(Pose { orientation, ..Pose::IDENTITY });
         });
         assert!(bench.refusals()[1].contains("`start` moved by"), "{:?}", bench.refusals());
     }
@@ -468,13 +445,13 @@ mod tests {
     fn further_frames_have_to_be_there_and_to_rest_like_the_goal() {
         let mut bench = Bench::of(Manifold::R3, &["end", "box", "shelf"], Some("start"));
         let good = bench.frames;
-        bench.frames[1] = FrameStatus::Absent;
+        bench.frames[1] = Err(Unusable::Absent);
         bench.rest(1.2);
-        assert_eq!(bench.recorder.stage(), Stage::FrameMissing(1, FrameStatus::Absent));
+        assert_eq!(bench.recorder.stage(), Stage::FrameMissing(1, Unusable::Absent));
         bench.demonstrate(GOAL, 2.0);
         bench.frames = good;
         bench.go(DVec3::ZERO, 2.0, |bench, t| {
-            bench.frames[2] = FrameStatus::Usable(at(DVec3::new(0.0, 0.1 * t, 0.0)));
+            bench.frames[2] = Ok(at(DVec3::new(0.0, 0.1 * t, 0.0)));
         });
         bench.rest(1.2);
         let [absent, moved] = bench.refusals()[..] else { panic!("{:?}", bench.refusals()) };
@@ -483,10 +460,10 @@ mod tests {
         assert!(bench.recorded().is_empty());
 
         bench.frames = good;
-        bench.frames[2] = FrameStatus::Usable(at(2.0 * GOAL));
-        bench.frames[3] = FrameStatus::Absent;
+        bench.frames[2] = Ok(at(2.0 * GOAL));
+        bench.frames[3] = Err(Unusable::Absent);
         bench.go(GOAL, 2.0, |bench, t| {
-            bench.frames[1] = if t > 0.5 && t <= 0.75 { FrameStatus::Stale } else { good[1] };
+            bench.frames[1] = if t > 0.5 && t <= 0.75 { Err(Unusable::Stale) } else { good[1] };
         });
         bench.rest(1.2);
         assert!(matches!(bench.events[3], Event::Begun { tool_as_start: true }));
@@ -501,7 +478,7 @@ mod tests {
     #[test]
     fn a_skill_of_one_frame_waits_for_no_start_frame() {
         let mut bench = Bench::of(Manifold::R3S3, &["end"], None);
-        assert_eq!(bench.frames[START], FrameStatus::Nothing);
+        assert_eq!(bench.frames[START], Err(Unusable::Nothing));
         bench.rest(1.2);
         assert_eq!(bench.recorder.stage(), Stage::Ready);
         bench.demonstrate(0.9 * GOAL, 2.0);
@@ -517,7 +494,7 @@ mod tests {
         bench.rest(1.2);
         let goal = bench.frames[END];
         bench.go(GOAL, 2.0, |bench, t| {
-            bench.frames[END] = if t > 0.5 && t <= 0.75 { FrameStatus::Invalid } else { goal };
+            bench.frames[END] = if t > 0.5 && t <= 0.75 { Err(Unusable::Invalid) } else { goal };
         });
         bench.rest(1.2);
         let notes = &bench.recorded()[0].notes;
@@ -589,12 +566,12 @@ mod tests {
                         bench.recorder.interrupt("accident");
                     }
                     bench.frames[END] = match accident {
-                        1 => FrameStatus::Stale,
-                        2 => FrameStatus::Usable(at(GOAL * t)),
-                        _ => FrameStatus::Usable(at(GOAL)),
+                        1 => Err(Unusable::Stale),
+                        2 => Ok(at(GOAL * t)),
+                        _ => Ok(at(GOAL)),
                     };
                 });
-                bench.frames[END] = FrameStatus::Usable(at(GOAL));
+                bench.frames[END] = Ok(at(GOAL));
                 bench.rest(rest_s);
             }
             bench.end();

@@ -5,6 +5,7 @@ use glam::DQuat;
 use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
 use tprmp_spatial::Pose;
 
+use super::intake::Frames;
 use crate::demonstration::plausibility::angle;
 use crate::demonstration::{Demonstration, POINTS_MIN};
 use crate::skill::Skill;
@@ -19,6 +20,11 @@ const SETTLED_RAD: f64 = 1e-3;
 const MOVED_MIN_M: f64 = 0.01;
 /// … and rotated no farther than this has been nudged, not moved [rad].
 const MOVED_MIN_RAD: f64 = 0.1;
+/// A frame that has gone farther than this has moved [m]; an object gives way by less when it is
+/// touched.
+const FRAME_MOVED_M: f64 = 0.005;
+/// … or rotated farther than this [rad].
+const FRAME_MOVED_RAD: f64 = 0.05;
 /// A start frame farther than this from where the tool starts is worth a word [m].
 const START_DISTANCE_MAX_M: f64 = 0.02;
 
@@ -120,6 +126,22 @@ impl Recorded {
 }
 
 impl Recording {
+    /// Reports a frame that is no longer where it was when the motion began.
+    pub(super) fn moved_frame(&self, frames: Frames, task: &Task) -> Option<String> {
+        task.frames().zip(self.frames).zip(frames).find_map(|((name, before), now)| {
+            let (before, now) = (before?, now.ok()?);
+            let (m, rad) = ((now.position - before.position).length(), angle(&before, &now));
+            (m > FRAME_MOVED_M || rad > FRAME_MOVED_RAD).then(|| {
+                format!(
+                    "frame `{name}` moved by {:.1} mm and {:.1}° while the arm did; the frames of \
+                     a demonstration rest",
+                    m * 1e3,
+                    rad.to_degrees()
+                )
+            })
+        })
+    }
+
     /// The demonstration; what is missing for one, when there is none.
     pub(super) fn finish(self, task: &Task) -> Result<Recorded, String> {
         let samples = &self.samples[..];

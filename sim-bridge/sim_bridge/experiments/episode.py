@@ -35,17 +35,35 @@ ORIENTATION_ERROR_MAX_DEG = 2.0
 
 
 @dataclass(frozen=True)
-class Job:
-    """One episode to be run."""
+class Experiment:
+    """Episodes of one kind."""
 
-    experiment: str
+    name: str
     robot: str
-    seed: int
-    scene: Path
-    controller: Path
+    scene: str
+    config: str
+    count: int
+    quick_count: int
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the command line asked for."""
+
     config: Path
+    controller: Path
     model: Path
-    folder: Path
+    out: Path
+    seed: int
+    """First seed of each experiment."""
+    quick: bool
+    only: list[str]
+    workers: int
+
+    @property
+    def running(self) -> Path:
+        """Folder for what an episode needs while it runs."""
+        return self.out / "running"
 
 
 class FalsePublication(Publication):
@@ -165,21 +183,23 @@ def watched_pairs(world: World) -> set[tuple[int, int]]:
     return {(a, b) for a in links for b in links if a < b and depth[b] - depth[a] >= 2}
 
 
-def run_job(job: Job) -> dict[str, object]:
+def run_episode(settings: Settings, experiment: Experiment, seed: int) -> dict[str, object]:
     """Runs one episode; gives its row, and its `trace` for the pictures."""
-    scene = load_scene(job.scene)
+    scene = load_scene(settings.config / "scenes" / experiment.scene)
+    config = settings.config / "controllers" / experiment.config
     chain = load_chain(scene.robot.urdf, scene.robot.tip_link)
-    scenario = draw(scene, chain, job.robot, job.experiment, job.seed)
+    scenario = draw(scene, chain, experiment.robot, experiment.name, seed)
     scene = replace(
         scene,
         robot=replace(scene.robot, home_position_rad=scenario.home_rad),
         sphere=replace(scene.sphere, radius_m=scenario.ball.radius_m),
     )
     grasp = demonstrated_grasp(scene.task.demonstrations, scene.task.goal_frame)
-    name = f"exp-{os.getpid()}-{job.experiment[:5]}-{job.seed}"
-    job.folder.mkdir(parents=True, exist_ok=True)
-    summary, log_file = job.folder / f"{name}.json", job.folder / f"{name}.log"
-    options = Options(job.seed, job.folder, name, True, 20.0, 0, None)
+    name = f"exp-{os.getpid()}-{experiment.name[:5]}-{seed}"
+    folder = settings.running
+    folder.mkdir(parents=True, exist_ok=True)
+    summary, log_file = folder / f"{name}.json", folder / f"{name}.log"
+    options = Options(seed, folder, name, True, 20.0, 0, None)
     world = World(scene, scenario)
     try:
         run = WatchedRun(scene, options, world)
@@ -190,7 +210,7 @@ def run_job(job: Job) -> dict[str, object]:
         ):
             controller = subprocess.Popen(
                 [
-                    *(job.controller, "run", job.config, "--model", job.model),
+                    *(settings.controller, "run", config, "--model", settings.model),
                     *("--instance", name, "--summary", summary, "--lockstep"),
                 ],
                 stdout=log,
@@ -205,7 +225,7 @@ def run_job(job: Job) -> dict[str, object]:
         row = _row(run, scenario, outcome, run.log.finish(world.chain), grasp)
     except BridgeError as error:
         output = log_file.read_text(encoding="utf-8") if log_file.exists() else ""
-        raise BridgeError(f"{job.experiment}, seed {job.seed}: {error}\n{output}") from error
+        raise BridgeError(f"{experiment.name}, seed {seed}: {error}\n{output}") from error
     finally:
         world.close()
     try:

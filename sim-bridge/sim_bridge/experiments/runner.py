@@ -9,27 +9,14 @@ import shutil
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
 from pathlib import Path
 
 from sim_bridge.errors import BridgeError
-from sim_bridge.experiments.episode import Job, run_job
+from sim_bridge.experiments.episode import Experiment, Settings, run_episode
 from sim_bridge.experiments.page import page
 from sim_bridge.experiments.verdict import Verdict, verdicts
 
 SCHEMA = "tprmp-experiments-arm/1"
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """Episodes of one kind."""
-
-    name: str
-    robot: str
-    scene: str
-    config: str
-    count: int
-    quick_count: int
 
 
 EXPERIMENTS = (
@@ -39,21 +26,6 @@ EXPERIMENTS = (
     Experiment("adversarial", "ur5", "pick.json", "ur5_pick.ron", 36, 6),
     Experiment("singular", "ur5", "pick.json", "ur5_pick.ron", 32, 4),
 )
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the command line asked for."""
-
-    config: Path
-    controller: Path
-    model: Path
-    out: Path
-    seed: int
-    """First seed of each experiment."""
-    quick: bool
-    only: list[str]
-    workers: int
 
 
 def experiments(settings: Settings) -> int:
@@ -68,10 +40,10 @@ def experiments(settings: Settings) -> int:
         count = experiment.quick_count if settings.quick else experiment.count
         seeds = range(settings.seed, settings.seed + count)
         print(f"{experiment.name}: {count} scenarios, seeds {seeds[0]} to {seeds[-1]}")
-        jobs += [_job(settings, experiment, seed) for seed in seeds]
+        jobs += [(experiment, seed) for seed in seeds]
     began = time.monotonic()
-    rows = _run(jobs, settings.workers)
-    shutil.rmtree(settings.out / "running", ignore_errors=True)
+    rows = _run(jobs, settings)
+    shutil.rmtree(settings.running, ignore_errors=True)
     order = [experiment.name for experiment in EXPERIMENTS]
     rows.sort(key=lambda row: (order.index(row["experiment"]), row["seed"]))
     found = verdicts(rows)
@@ -92,26 +64,13 @@ def experiments(settings: Settings) -> int:
     return 0 if all(verdict.holds for verdict in found) else 1
 
 
-def _job(settings: Settings, experiment: Experiment, seed: int) -> Job:
-    return Job(
-        experiment.name,
-        experiment.robot,
-        seed,
-        settings.config / "scenes" / experiment.scene,
-        settings.controller,
-        settings.config / "controllers" / experiment.config,
-        settings.model,
-        settings.out / "running",
-    )
-
-
-def _run(jobs: list[Job], workers: int) -> list[dict]:
+def _run(jobs: list[tuple[Experiment, int]], settings: Settings) -> list[dict]:
     rows: list[dict] = []
     on_terminal = sys.stdout.isatty()
     # A process that is spawned has no threads and no shared memory of ours.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        waiting = [pool.submit(run_job, job) for job in jobs]
+    with ProcessPoolExecutor(settings.workers, mp_context=context) as pool:
+        waiting = [pool.submit(run_episode, settings, *job) for job in jobs]
         try:
             for done in as_completed(waiting):
                 row = done.result()

@@ -43,8 +43,13 @@ GOALS = (
     "below the table",
     "jumping by 1 m",
 )
-SINGULAR = ("stretched at the start", "wrist aligned at the start", "wrist aligned on the way")
-STRETCHED = "stretched on the way"
+SINGULAR = (
+    "stretched at the start",
+    "wrist aligned at the start",
+    "wrist aligned on the way",
+    "stretched on the way",
+)
+KINDS = {"adversarial": GOALS, "singular": SINGULAR}
 
 
 @dataclass(frozen=True)
@@ -133,16 +138,17 @@ class Scenario(BoxOnCircle):
 def draw(scene: Scene, chain: Chain, robot: str, experiment: str, seed: int) -> Scenario:
     """The scenario of a seed."""
     generator = random.Random(f"{experiment} {seed}")
-    if experiment == "adversarial":
-        return _adversarial(scene, chain, robot, seed, generator)
-    if experiment == "singular":
-        return _singular(scene, chain, robot, seed, generator)
-    kind = PICKS[seed % len(PICKS)]
-    box = _box(scene, generator, kind == "circle")
+    kinds = KINDS.get(experiment, PICKS)
+    kind = kinds[seed % len(kinds)]
     home = scene.robot.home_position_rad
+    box = _box(scene, generator, kind == "circle")
+    no_ball = Ball("rests", 0.05, FAR_M)
+    scenario = Scenario(experiment, kind, robot, seed, home, *box, no_ball)
     bones = arm_bones(chain, home)
-    quiet = Ball("rests", 0.05, FAR_M)
-    scenario = Scenario(experiment, kind, robot, seed, home, *box, quiet)
+    if experiment == "adversarial":
+        return _adversarial(scenario, bones, generator)
+    if experiment == "singular":
+        return _singular(scenario, generator)
     for _ in range(DRAWS_MAX):
         ball = _ball(scene, generator, bones[-1], scenario)
         if may_be(ball, bones):
@@ -219,20 +225,8 @@ def _push(generator: random.Random) -> Push:
     return Push(generator.uniform(0.3, 5.0), 0.2, generator.randrange(100), force)
 
 
-def _quiet(
-    scene: Scene, robot: str, experiment: str, kind: str, seed: int, generator: random.Random
-) -> Scenario:
-    home = scene.robot.home_position_rad
-    box = _box(scene, generator, False)
-    return Scenario(experiment, kind, robot, seed, home, *box, Ball("rests", 0.05, FAR_M))
-
-
-def _adversarial(
-    scene: Scene, chain: Chain, robot: str, seed: int, generator: random.Random
-) -> Scenario:
-    kind = GOALS[seed % len(GOALS)]
-    scenario = _quiet(scene, robot, "adversarial", kind, seed, generator)
-    bones = arm_bones(chain, scenario.home_rad)
+def _adversarial(scenario: Scenario, bones: Array, generator: random.Random) -> Scenario:
+    kind = scenario.kind
     heading = generator.uniform(0.0, 2.0 * math.pi)
     height = generator.uniform(0.03, 0.4)
     yaw = generator.uniform(-math.pi / 3.0, math.pi / 3.0)
@@ -269,12 +263,8 @@ def _adversarial(
     return replace(scenario, false_goal=FalseGoal(begin, begin + 8.0, change, places, yaws))
 
 
-def _singular(
-    scene: Scene, chain: Chain, robot: str, seed: int, generator: random.Random
-) -> Scenario:
-    kinds = (*SINGULAR, STRETCHED)
-    kind = kinds[seed % len(kinds)]
-    scenario = _quiet(scene, robot, "singular", kind, seed, generator)
+def _singular(scenario: Scenario, generator: random.Random) -> Scenario:
+    kind = scenario.kind
     pan, lift, elbow, wrist_1, wrist_2, wrist_3 = scenario.home_rad
     if kind == "stretched at the start":
         # The tool points down as at home: lift, elbow and first wrist have the same sum.

@@ -11,7 +11,8 @@ import numpy as np
 from sim_bridge.demonstrations import Demonstration, demonstrated_grasp, read_demonstration
 from sim_bridge.errors import BridgeError
 from sim_bridge.evaluate import clearances, evaluate, tool_in_object
-from sim_bridge.log import BRIDGE_FILE, LOG_FILE, Log, load
+from sim_bridge.kinematics import Chain
+from sim_bridge.log import BRIDGE_FILE, LOG_FILE, Log, LogWriter, load
 from sim_bridge.messages import GripperState
 from sim_bridge.poses import Array, inverse, vector_from_rotation
 from sim_bridge.scene import Scene, draw_episode, load_scene
@@ -46,9 +47,7 @@ class Run:
     orientation_error_rad: Array
     path_in_object_m: Array
     """The tool's tip in the object frame, every row of the log."""
-    joint_names: tuple[str, ...]
-    velocity_max_rad_s: Array
-    effort_max_n_m: Array
+    chain: Chain
 
     @property
     def gripped_row(self) -> int | None:
@@ -60,15 +59,20 @@ class Run:
 def load_run(folder: Path) -> Run:
     """Reads a run's folder and judges it; raises `BridgeError` saying what is wrong with it."""
     log, bridge = _load_log(folder)
-    scene = load_scene(_scene_file(folder, bridge))
+    file = Path(bridge["scene"])
+    if not file.exists():
+        raise BridgeError(
+            f"{folder / BRIDGE_FILE}: `scene`: {file} is not there: start the report in the "
+            "folder in which the run was started"
+        )
+    scene = load_scene(file)
     demonstrations = [
         read_demonstration(f) for f in sorted(scene.task.demonstrations.glob("*.json"))
     ]
     grasp = demonstrated_grasp(scene.task.demonstrations, scene.task.goal_frame)
     world = World(scene, draw_episode(scene, bridge["seed"]))
     try:
-        chain = world.chain
-        _check_shapes(folder / LOG_FILE, log, chain.joint_count)
+        _check_shapes(folder / LOG_FILE, log, world.chain.joint_count)
         judged = evaluate(scene, world, log, grasp)
         replay = list(clearances(world, log))
     finally:
@@ -91,9 +95,7 @@ def load_run(folder: Path) -> Run:
         position_error_m=np.linalg.norm(error[:, :3, 3], axis=1),
         orientation_error_rad=np.array(angles),
         path_in_object_m=x_oe[:, :3, 3],
-        joint_names=chain.joint_names,
-        velocity_max_rad_s=chain.velocity_max_rad_s,
-        effort_max_n_m=chain.effort_max_n_m,
+        chain=world.chain,
     )
 
 
@@ -114,35 +116,18 @@ def _load_log(folder: Path) -> tuple[Log, dict]:
     return log, bridge
 
 
-def _scene_file(folder: Path, bridge: dict) -> Path:
-    file = Path(bridge["scene"])
-    if not file.exists():
-        raise BridgeError(
-            f"{folder / BRIDGE_FILE}: `scene`: {file} is not there: start the report in the "
-            "folder in which the run was started"
-        )
-    return file
-
-
 def _check_shapes(file: Path, log: Log, joint_count: int) -> None:
     rows = len(np.atleast_1d(log["time_s"]))
     if rows < 2:
         raise BridgeError(f"{file}: expected at least 2 rows, found {rows}: the arm never moved")
-    widths = {
-        **dict.fromkeys(("position_rad", "velocity_rad_s", "torque_n_m"), (joint_count,)),
-        "gravity_torque_n_m": (joint_count,),
-        **dict.fromkeys(("object_position_m", "sphere_position_m", "tool_position_m"), (3,)),
-        **dict.fromkeys(("object_quaternion_wxyz", "tool_quaternion_wxyz"), (4,)),
-        **dict.fromkeys(("time_s", "gripper_state", "contact_sphere", "lateness_s"), ()),
-    }
-    for key, width in widths.items():
+    ends = {key: column.shape[1:] for key, column in LogWriter(1, joint_count).columns.items()}
+    ends.update(tool_position_m=(3,), tool_quaternion_wxyz=(4,))
+    for key, end in ends.items():
         found = log[key].shape if key in log else None
-        if found != (rows, *width):
-            raise BridgeError(
-                f"{file}: `{key}`: expected the shape {(rows, *width)}, found {found}"
-            )
-        # Torques are NaN while the arm is braked.
-        if "torque" not in key and not np.all(np.isfinite(log[key])):
+        if found != (rows, *end):
+            raise BridgeError(f"{file}: `{key}`: expected the shape {(rows, *end)}, found {found}")
+        # What is commanded is NaN while the arm is braked.
+        if "torque" not in key and "cmd" not in key and not np.all(np.isfinite(log[key])):
             raise BridgeError(f"{file}: `{key}`: expected finite numbers only")
 
 

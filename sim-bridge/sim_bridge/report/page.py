@@ -152,7 +152,7 @@ def limits_caption(run: Run, name: str, values: Array, limits: Array) -> str:
         return "The arm was braked all the time."
     joint = int(np.nanargmax(np.nanmax(np.nan_to_num(fractions, nan=0.0), axis=0)))
     used = 100.0 * float(np.nanmax(fractions[:, joint]))
-    nearest = plain(run.joint_names[joint])
+    nearest = plain(run.chain.joint_names[joint])
     return (
         f"Every joint's {name} against its limit (dashed). The joint nearest to it is "
         f"{escape(nearest)}, with {used:.0f} %."

@@ -247,13 +247,13 @@ def clearance(run: Run) -> bytes:
 def torques(run: Run) -> bytes:
     """Torque of every joint against its limit."""
     gravity = ("of it gravity", run.log["gravity_torque_n_m"])
-    return _joints(run, ("torque", run.log["torque_n_m"]), gravity, run.effort_max_n_m, "N m")
+    return _joints(run, ("torque", run.log["torque_n_m"]), gravity, run.chain.effort_max_n_m, "N m")
 
 
 def velocities(run: Run) -> bytes:
     """Velocity of every joint against its limit."""
     measured = ("velocity", run.log["velocity_rad_s"])
-    return _joints(run, measured, None, run.velocity_max_rad_s, "rad/s")
+    return _joints(run, measured, None, run.chain.velocity_max_rad_s, "rad/s")
 
 
 def _joints(
@@ -286,7 +286,7 @@ def _joints(
             used = (
                 "none" if np.all(np.isnan(fraction)) else f"up to {100 * np.nanmax(fraction):.0f} %"
             )
-            name = plain(run.joint_names[joint])
+            name = plain(run.chain.joint_names[joint])
             axes.set_title(f"{name}: {used}")
             half = 1.15 * max(limit, _largest(main[1][:, joint]))
             axes.set_ylim(-half, half)

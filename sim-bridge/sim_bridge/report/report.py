@@ -159,9 +159,9 @@ def _render(stage: Stage, rows: Sequence[int]) -> dict[int, Image.Image]:
 
 
 def _plots(run: Run, values: dict) -> list[Figure]:
-    torque = page.limits_caption(run, "torque", run.log["torque_n_m"], run.effort_max_n_m)
+    torque = page.limits_caption(run, "torque", run.log["torque_n_m"], run.chain.effort_max_n_m)
     velocity = page.limits_caption(
-        run, "velocity", run.log["velocity_rad_s"], run.velocity_max_rad_s
+        run, "velocity", run.log["velocity_rad_s"], run.chain.velocity_max_rad_s
     )
     drawn = [
         ("The path of the tool", plots.path(run), page.path_caption(run)),
