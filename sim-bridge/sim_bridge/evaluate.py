@@ -65,7 +65,7 @@ def grip(scene: Scene, log: Log, grasp: Array) -> dict[str, object]:
     for held in rise >= scene.task.lift_height_m:
         current = current + 1 if held else 0
         longest = max(longest, current)
-    error = inverse(grasp) @ tool_in_object(log, max(0, first - 1))
+    error = grasp_error(log, max(0, first - 1), grasp)
     return {
         "gripped": True,
         "gripped_at_s": float(log["time_s"][first]),
@@ -78,11 +78,11 @@ def grip(scene: Scene, log: Log, grasp: Array) -> dict[str, object]:
     }
 
 
-def tool_in_object(log: Log, row: int) -> Array:
-    """`X_OE` at a row of the log."""
+def grasp_error(log: Log, row: int, grasp: Array) -> Array:
+    """Pose of the tool at a row of the log, in the demonstrated `grasp` (`X_OE`)."""
     x_bo = pose_from_wire(log["object_position_m"][row], log["object_quaternion_wxyz"][row])
     x_be = pose_from_wire(log["tool_position_m"][row], log["tool_quaternion_wxyz"][row])
-    return inverse(x_bo) @ x_be
+    return inverse(grasp) @ inverse(x_bo) @ x_be
 
 
 def clearances(world: World, log: Log) -> Iterator[tuple[int, dict[str, tuple[float, str]]]]:

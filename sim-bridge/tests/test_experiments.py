@@ -154,8 +154,8 @@ def test_a_failure_has_its_cause_and_spoils_its_verdict():
         assert must == "no heap" or cause(bad) is not None
     silent = row(experiment="adversarial", kind="out of reach")
     assert not all(verdict.holds for verdict in verdicts([silent]))
-    told = row(experiment="adversarial", kind="out of reach", reasons={"unreachable": 2.0})
-    assert all(verdict.holds for verdict in verdicts([told]))
+    reported = row(experiment="adversarial", kind="out of reach", reasons={"unreachable": 2.0})
+    assert all(verdict.holds for verdict in verdicts([reported]))
 
 
 def test_the_page_holds_failures_and_pictures():

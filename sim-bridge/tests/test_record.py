@@ -34,7 +34,7 @@ def test_a_demonstration_starts_and_ends_at_rest_pressed_on_the_box(scene, recor
     speed = np.linalg.norm(np.diff(demonstration.samples[:, :3], axis=0), axis=1) / 0.02
     assert speed[0] < 0.005
     assert speed[-1] < 0.005
-    assert np.min(speed[20:-60]) > 0.02, "no stop on the way"
+    assert np.min(speed[20:-60]) > 0.02, "no stop on the path"
     assert 3.0 <= recording.duration_s <= 4.0
     assert recording.compression_m == pytest.approx(scene.record.compression_m, abs=3e-4)
     assert recording.lifted_m >= scene.task.lift_height_m

@@ -20,7 +20,7 @@ from sim_bridge.report.figures import failures, load_run, result
 from sim_bridge.report.report import Detail, moments
 
 APPROACH_ROWS, LIFT_ROWS, HOLD_ROWS = 120, 60, 260
-OFFSET_M, TURN_RAD = 0.002, 0.01
+OFFSET_M, ROTATION_RAD = 0.002, 0.01
 SMALL = Detail(width=80, height=60, frames=4, stills=6, picture_stills=4)
 KEYS = {
     "success",
@@ -41,15 +41,15 @@ KEYS = {
 
 
 def _log(scene):
-    """A straight way to the box and up again: grasped 2 mm and 0.01 rad beside the grasp."""
+    """A straight path to the box and up again: grasped 2 mm and 0.01 rad beside the grasp."""
     chain = load_chain(scene.robot.urdf, scene.robot.tip_link)
     grasp = demonstrated_grasp(scene.task.demonstrations, scene.task.goal_frame)
     x_bo = pose(rotation_z(0.4), np.array([0.5, -0.25, 0.03]))
-    off = pose(rotation_z(TURN_RAD), np.array([OFFSET_M, 0.0, 0.0]))
+    off = pose(rotation_z(ROTATION_RAD), np.array([OFFSET_M, 0.0, 0.0]))
     x_grip = x_bo @ grasp @ off
     q = np.array(scene.robot.home_position_rad)
     x_start = forward(chain, q)
-    ways = [
+    path = [
         *(
             (x_start[:3, 3] + s * (x_grip - x_start)[:3, 3])
             for s in np.linspace(0, 1, APPROACH_ROWS)
@@ -57,8 +57,8 @@ def _log(scene):
         *(x_grip[:3, 3] + [0.0, 0.0, 0.12 * s] for s in np.linspace(0, 1, LIFT_ROWS)),
         *[x_grip[:3, 3] + [0.0, 0.0, 0.12]] * HOLD_ROWS,
     ]
-    log = LogWriter(len(ways) + 1, chain.joint_count)
-    for row, position in enumerate(ways):
+    log = LogWriter(len(path) + 1, chain.joint_count)
+    for row, position in enumerate(path):
         x_be = pose(x_grip[:3, :3], position)
         q = inverse_kinematics(chain, x_be, q)
         holding = row >= APPROACH_ROWS
@@ -168,11 +168,11 @@ def test_figures_are_those_of_the_log(recorded):
     run = load_run(recorded)
     values = result(run)
     assert values["position_error_mm"] == pytest.approx(1e3 * OFFSET_M, abs=1e-3)
-    assert values["orientation_error_deg"] == pytest.approx(np.degrees(TURN_RAD), abs=1e-4)
+    assert values["orientation_error_deg"] == pytest.approx(np.degrees(ROTATION_RAD), abs=1e-4)
     assert values["limit_fractions"]["torque"] == pytest.approx(0.5)
     assert values["limit_fraction_max"] == max(values["limit_fractions"].values())
     assert values["clearance_min_mm"] == min(values["clearance_mm"].values()) > 0.0
-    # Two ways to the same errors: over all rows here, at the grip in `evaluate`.
+    # Over all rows here, at the grip in `evaluate`.
     before = run.gripped_row - 1
     assert 1e3 * run.position_error_m[before] == pytest.approx(
         values["position_error_mm"], abs=1e-6

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sim_bridge.experiments.episode import harms
@@ -28,39 +29,39 @@ def verdicts(rows: list[dict]) -> list[Verdict]:
     found = []
     for experiment in dict.fromkeys(row["experiment"] for row in rows):
         own = [row for row in rows if row["experiment"] == experiment]
-        count = len(own)
-
-        def fraction(good: int, of: int) -> str:
-            return f"{good} of {of} ({100.0 * good / of:.1f} %)"
-
-        if experiment in PICKED_MIN:
-            least = PICKED_MIN[experiment]
-            good = sum(row["exact"] for row in own)
-            must = f"at least {100.0 * least:g} % picked, within 5 mm and 2°"
-            found.append(Verdict(experiment, must, fraction(good, count), good >= least * count))
-        touched = sum(any("contact" in harm for harm in harms(row)) for row in own)
-        must = "no contact of a link with obstacle, table or the arm itself"
-        found.append(Verdict(experiment, must, f"{touched} with one", touched == 0))
-        beyond = sum(any("limit" in harm for harm in harms(row)) for row in own)
-        must = "no joint position, velocity or torque limit exceeded"
-        found.append(Verdict(experiment, must, f"{beyond} with one", beyond == 0))
-        if experiment == "adversarial":
-            asked = [row for row in own if row["kind"] in NEED_A_REASON]
-            reported = sum(any(reason in row["reasons"] for reason in REPORTED) for row in asked)
-            must = "a goal that cannot be reached is reported, blocked or unreachable"
-            if asked:
-                measured = fraction(reported, len(asked))
-                found.append(Verdict(experiment, must, measured, reported == len(asked)))
-            picked = sum(row["picked"] for row in own)
-            live = sum(row["picked"] or row["reason"] in REPORTED for row in own)
-            must = "it goes on once the goal is at the box: picks it, or waits and says so"
-            measured = f"{fraction(live, count)}, {picked} of them picked"
-            found.append(Verdict(experiment, must, measured, live == count))
-        if experiment == "singular":
-            reported = sum(row["picked"] or row["reason"] in REPORTED for row in own)
-            must = "passes and picks, or waits and says so"
-            found.append(Verdict(experiment, must, fraction(reported, count), reported == count))
-        allocations = sum(row["allocations"] for row in own)
-        must = "no heap allocation in the controller's loop"
-        found.append(Verdict(experiment, must, str(allocations), allocations == 0))
+        found += [Verdict(experiment, *demand) for demand in _demands(experiment, own)]
     return found
+
+
+def _demands(experiment: str, rows: list[dict]) -> Iterator[tuple[str, str, bool]]:
+    """What must hold, what was measured, and whether it holds."""
+    count = len(rows)
+    if experiment in PICKED_MIN:
+        least = PICKED_MIN[experiment]
+        good = sum(row["exact"] for row in rows)
+        must = f"at least {100.0 * least:g} % picked, within 5 mm and 2°"
+        yield must, _fraction(good, count), good >= least * count
+    for word, must in (
+        ("contact", "no contact of a link with obstacle, table or the arm itself"),
+        ("limit", "no joint position, velocity or torque limit exceeded"),
+    ):
+        bad = sum(any(word in harm for harm in harms(row)) for row in rows)
+        yield must, f"{bad} with one", bad == 0
+    settled = sum(row["picked"] or row["reason"] in REPORTED for row in rows)
+    if experiment == "adversarial":
+        asked = [row for row in rows if row["kind"] in NEED_A_REASON]
+        reported = sum(any(reason in row["reasons"] for reason in REPORTED) for row in asked)
+        if asked:
+            must = "a goal that cannot be reached is reported, blocked or unreachable"
+            yield must, _fraction(reported, len(asked)), reported == len(asked)
+        picked = sum(row["picked"] for row in rows)
+        must = "it goes on once the goal is at the box: picks it, or waits and says so"
+        yield must, f"{_fraction(settled, count)}, {picked} of them picked", settled == count
+    if experiment == "singular":
+        yield "passes and picks, or waits and says so", _fraction(settled, count), settled == count
+    allocations = sum(row["allocations"] for row in rows)
+    yield "no heap allocation in the controller's loop", str(allocations), allocations == 0
+
+
+def _fraction(good: int, count: int) -> str:
+    return f"{good} of {count} ({100.0 * good / count:.1f} %)"

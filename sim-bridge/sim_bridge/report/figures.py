@@ -10,7 +10,7 @@ import numpy as np
 
 from sim_bridge.demonstrations import Demonstration, demonstrated_grasp, read_demonstration
 from sim_bridge.errors import BridgeError
-from sim_bridge.evaluate import clearances, evaluate, tool_in_object
+from sim_bridge.evaluate import clearances, evaluate, grasp_error
 from sim_bridge.kinematics import Chain
 from sim_bridge.log import BRIDGE_FILE, LOG_FILE, Log, LogWriter, load
 from sim_bridge.messages import GripperState
@@ -78,8 +78,7 @@ def load_run(folder: Path) -> Run:
     finally:
         world.close()
     rows = [row for row, _ in replay]
-    x_oe = np.array([tool_in_object(log, row) for row in range(len(log["time_s"]))])
-    error = inverse(grasp) @ x_oe
+    error = np.array([grasp_error(log, row, grasp) for row in range(len(log["time_s"]))])
     angles = [np.linalg.norm(vector_from_rotation(x[:3, :3])) for x in error]
     return Run(
         scene=scene,
@@ -94,7 +93,7 @@ def load_run(folder: Path) -> Run:
         clearance_m={body: np.array([now[body][0] for _, now in replay]) for body in BODIES},
         position_error_m=np.linalg.norm(error[:, :3, 3], axis=1),
         orientation_error_rad=np.array(angles),
-        path_in_object_m=x_oe[:, :3, 3],
+        path_in_object_m=(grasp @ error)[:, :3, 3],
         chain=world.chain,
     )
 
