@@ -245,6 +245,18 @@ pub struct Decision<const N: usize> {
     pub proximity: Proximity,
 }
 
+/// The leaves on the tool in a tick.
+struct ToolLeaves<const N: usize> {
+    /// Pulled back to the root.
+    root: Natural<N>,
+    /// What falls as the tool nears the end of its task.
+    energy: f64,
+    /// V of the skills \[J\].
+    learned_energy: f64,
+    /// Goal of the first skill.
+    goal: Pose,
+}
+
 impl<const N: usize> Workspace<N> {
     /// Forgets the phases of the skills: they go on from where the tool is.
     pub fn restart(&mut self) {
@@ -366,35 +378,24 @@ impl<const N: usize> RobotPolicy<N> {
         (sum, energy)
     }
 
-    /// Evaluates the policy  [thesis algorithm 4.1]: pushforward, leaves, pullback, resolve.
-    ///
-    /// * `q`, `qd`  joint positions and velocities, N
-    ///
-    /// Hot path: no allocation.
-    ///
-    /// # Errors
-    /// When the root cannot be resolved: the caller stops the arm.
-    pub fn evaluate(
+    /// The leaves on the tool: the skills with a goal attractor, or the lift; beside them an external
+    /// command and the approach funnel.
+    fn tool_leaves(
         &self,
-        q: &SVector<f64, N>,
-        qd: &SVector<f64, N>,
         task: &Task,
         parameters: &TaskParameters<'_>,
-        workspace: &mut Workspace<N>,
-    ) -> Result<Decision<N>, ResolveError> {
-        forward_kinematics_with_velocity(&self.chain, q, qd, &mut workspace.kinematics);
-        let kinematics = &workspace.kinematics;
+        kinematics: &Kinematics<N>,
+        skills: &mut [SkillState],
+    ) -> ToolLeaves<N> {
         let (tool, velocity) = (kinematics.tool_pose(), kinematics.tool_velocity);
-
         let frames = parameters.frames;
         let goal_frame = frames.get(parameters.goal_frame);
-        let (mut leaf, learned_energy) =
-            self.learned(frames, &tool, &velocity, &mut workspace.skills);
+        let (mut leaf, learned_energy) = self.learned(frames, &tool, &velocity, skills);
         let own = frames.get(self.skills[0].frames.clone()).unwrap_or_default();
-        let goal = self.skills[0].policy.goal(own, &mut workspace.skills[0].state);
+        let goal = self.skills[0].policy.goal(own, &mut skills[0].state);
         let energy = match (task, &self.lift) {
             (Task::Reach(goal), Some(lift)) => {
-                workspace.skills.iter_mut().for_each(|skill| skill.value = None);
+                skills.iter_mut().for_each(|skill| skill.value = None);
                 leaf = lift.evaluate(&tool, &velocity, goal);
                 (tool.position - goal.position).length()
             }
@@ -422,6 +423,30 @@ impl<const N: usize> RobotPolicy<N> {
             };
             funnel.leaf.add(&clearance, &motion, &mut root);
         }
+        ToolLeaves { root, energy, learned_energy, goal }
+    }
+
+    /// Evaluates the policy  [thesis algorithm 4.1]: pushforward, leaves, pullback, resolve.
+    ///
+    /// * `q`, `qd`  joint positions and velocities, N
+    ///
+    /// Hot path: no allocation.
+    ///
+    /// # Errors
+    /// When the root cannot be resolved: the caller stops the arm.
+    pub fn evaluate(
+        &self,
+        q: &SVector<f64, N>,
+        qd: &SVector<f64, N>,
+        task: &Task,
+        parameters: &TaskParameters<'_>,
+        workspace: &mut Workspace<N>,
+    ) -> Result<Decision<N>, ResolveError> {
+        forward_kinematics_with_velocity(&self.chain, q, qd, &mut workspace.kinematics);
+        let kinematics = &workspace.kinematics;
+        let tool = kinematics.tool_pose();
+        let leaves = self.tool_leaves(task, parameters, kinematics, &mut workspace.skills);
+        let ToolLeaves { root, energy, learned_energy, goal } = leaves;
 
         workspace.centres.forget();
         workspace.motions.forget();
