@@ -114,7 +114,7 @@ pub struct RunOutcome {
     pub allocations: u64,
     /// Connections made inside the loop.
     pub connections: Connections,
-    /// Page faults inside the loop, `None` where the system does not tell.
+    /// Page faults inside the loop, `None` where the system does not say.
     pub page_faults: Option<PageFaults>,
 }
 

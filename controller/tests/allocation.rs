@@ -1,7 +1,7 @@
 //! The loop allocates nothing: counted by the global allocator over whole cycles with real ports, in
 //! whatever profile this test is built. Each skill runs beside a publisher that moves frames and
 //! obstacles and sends faulty messages, so that braking and resuming are counted too, and beside
-//! somebody who commands the tool now and then.
+//! external commands of the tool now and then.
 
 use tprmp_controller::timing::allocation::{self, CountingAllocator};
 use tprmp_controller::timing::pacing::Pacing;
@@ -143,10 +143,10 @@ fn a_loop_on_its_schedule_allocates_nothing() {
     allocates_nothing("alloc-periodic", &PLANE, Pacing::RealTime(Trigger::Periodic));
 }
 
-/// The negative control: what allocates is seen. A reader that appears is a real allocation inside
+/// The negative control: what allocates is counted. A reader that appears is a real allocation inside
 /// the loop, and is counted as the connection that it is.
 #[test]
-fn an_allocation_is_seen() {
+fn an_allocation_is_counted() {
     let before = allocation::counted();
     drop(core::hint::black_box(Box::new(1)));
     assert_eq!(allocation::counted() - before, 1);

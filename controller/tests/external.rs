@@ -1,5 +1,5 @@
-//! Somebody commands the tool beside the skill: over real ports, in lockstep with an arm that does
-//! exactly what it is told.
+//! External commands of the tool beside the skill: over real ports, in lockstep with an arm that does
+//! exactly what it is commanded.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ mod common;
 
 const MS: u64 = 1_000_000;
 
-/// What the arm was told, and how the controller ended.
+/// What the arm was commanded, and how the controller ended.
 struct Motion {
     commands: Vec<JointCommand>,
     last_life_cycle: LifeCycle,
@@ -42,7 +42,7 @@ impl Motion {
     }
 }
 
-/// Runs `ticks` of 1 ms. In each, `wish` is what is sent to the controller at that time \[ns\]; it is
+/// Runs `ticks` of 1 ms. In each, `desired` is what is sent to the controller at that time \[ns\]; it is
 /// `None` in a run in which nobody may command.
 fn run(
     name: &str,
@@ -50,11 +50,11 @@ fn run(
     edit: impl FnOnce(&mut ControllerConfig),
     obstacle: Option<Obstacle>,
     ticks: u64,
-    wish: Option<&dyn Fn(u64, u64) -> Option<ToolCommand>>,
+    desired: Option<&dyn Fn(u64, u64) -> Option<ToolCommand>>,
 ) -> Motion {
     let instance = Instance::new(&format!("{name}-{}", std::process::id())).unwrap();
     let ports = instance.open_state_publisher().unwrap();
-    let commander = wish.map(|wish| (wish, instance.open_tool_command().unwrap()));
+    let commander = desired.map(|desired| (desired, instance.open_tool_command().unwrap()));
     let controller = Controller::start(setting, &instance, Pacing::Lockstep, edit);
     let (mut state, mut frames) = (setting.state(), setting.frames());
     frames.obstacle_count = u32::from(obstacle.is_some());
@@ -68,8 +68,8 @@ fn run(
         frames.sequence += 1;
         let time_ns = 1000 * MS + state.sequence * MS;
         (state.time_ns, frames.time_ns) = (time_ns, time_ns);
-        if let Some((wish, port)) = &commander
-            && let Some(command) = wish(state.sequence, time_ns)
+        if let Some((desired, port)) = &commander
+            && let Some(command) = desired(state.sequence, time_ns)
         {
             assert!(port.command.publish(command));
         }
@@ -106,7 +106,7 @@ fn kinematics<const N: usize>(chain: &Chain<N>, position: &SVector<f64, N>) -> K
     kinematics
 }
 
-/// Whether two arms were told the same, bit by bit.
+/// Whether two arms were commanded the same, bit by bit.
 fn same(one: &Motion, other: &Motion) -> bool {
     let text = |motion: &Motion| format!("{:?}", motion.commands);
     one.commands.len() == other.commands.len() && text(one) == text(other)
@@ -127,13 +127,13 @@ fn within_limits<const N: usize>(motion: &Motion, config: &ControllerConfig, cha
 #[test]
 fn a_command_moves_the_point_and_let_go_it_goes_on_to_its_goal() {
     let without = run("ext-none", &PLANE, |_| {}, None, 6000, None);
-    let wish = |tick: u64, time_ns| {
+    let desired = |tick: u64, time_ns| {
         (300..800).contains(&tick).then(|| command(tick, time_ns, [0.0, -0.5, 0.0]))
     };
-    let with = run("ext-led", &PLANE, |_| {}, None, 6000, Some(&wish));
+    let with = run("ext-plane", &PLANE, |_| {}, None, 6000, Some(&desired));
     let y = |motion: &Motion, tick| motion.position::<2>(tick)[1];
     assert!(y(&with, 790) < y(&without, 790) - 0.15, "{} {}", y(&with, 790), y(&without, 790));
-    // The skill leans on it, the more the farther it is led from its way.
+    // The skill leans on it, the more the farther it is from its path.
     let speed = with.commands[790].velocity[1];
     assert!((-0.55..-0.2).contains(&speed), "{speed}");
     for motion in [&without, &with] {
@@ -155,13 +155,13 @@ fn a_command_moves_the_point_and_let_go_it_goes_on_to_its_goal() {
 #[test]
 fn without_a_command_or_with_rubbish_the_arm_is_told_what_a_deaf_controller_tells_it() {
     for (name, setting) in [("plane", &PLANE), ("poses", &POSES)] {
-        let go = |part: &str, wish: Option<&dyn Fn(u64, u64) -> Option<ToolCommand>>| {
-            run(&format!("ext-{name}-{part}"), setting, |_| {}, None, 1500, wish)
+        let go = |part: &str, desired: Option<&dyn Fn(u64, u64) -> Option<ToolCommand>>| {
+            run(&format!("ext-{name}-{part}"), setting, |_| {}, None, 1500, desired)
         };
         let deaf = |config: &mut ControllerConfig| config.external = None;
         let deaf = run(&format!("ext-{name}-deaf"), setting, deaf, None, 1500, None);
         assert!(same(&deaf, &go("none", None)), "nobody commands");
-        assert!(same(&deaf, &go("silent", Some(&|_, _| None))), "somebody is silent");
+        assert!(same(&deaf, &go("silent", Some(&|_, _| None))), "nobody commands");
         let rubbish = |tick: u64, time_ns: u64| {
             let good = command(tick, time_ns, [0.2, 0.2, 0.0]);
             Some(match tick % 5 {
@@ -181,12 +181,12 @@ fn without_a_command_or_with_rubbish_the_arm_is_told_what_a_deaf_controller_tell
 #[test]
 fn a_huge_command_is_worth_the_maximum_and_no_limit_is_left() {
     let go = |name: &str, size: f64| {
-        let wish = move |tick, time_ns| {
+        let desired = move |tick, time_ns| {
             let linear_velocity = [0.6 * size, -0.8 * size, 0.0];
             let angular_velocity = [0.0, 0.0, size];
             Some(ToolCommand { angular_velocity, ..command(tick, time_ns, linear_velocity) })
         };
-        run(name, &POSES, |_| {}, None, 2000, Some(&wish))
+        run(name, &POSES, |_| {}, None, 2000, Some(&desired))
     };
     let (config, chain, _) = robot::<6>(&POSES);
     let (huge, larger) = (go("ext-huge", 1e6), go("ext-larger", f64::MAX));
@@ -202,20 +202,20 @@ fn a_huge_command_is_worth_the_maximum_and_no_limit_is_left() {
 fn a_command_leads_an_arm_s_tool_along_it() {
     let (config, chain, _) = robot::<6>(&POSES);
     let direction = DVec3::new(0.1, 0.15, 0.1);
-    let wish = |tick: u64, time_ns| {
+    let desired = |tick: u64, time_ns| {
         (400..1000).contains(&tick).then(|| command(tick, time_ns, direction.to_array()))
     };
     let without = run("ext-arm-none", &POSES, |_| {}, None, 1200, None);
-    let with = run("ext-arm-led", &POSES, |_| {}, None, 1200, Some(&wish));
+    let with = run("ext-arm", &POSES, |_| {}, None, 1200, Some(&desired));
     let tool =
         |motion: &Motion, tick| kinematics(&chain, &motion.position::<6>(tick)).tool_position();
     // The state of number 400 is answered in tick 399.
     assert_eq!(tool(&with, 398), tool(&without, 398));
     let along =
         |motion: &Motion| (tool(motion, 999) - tool(motion, 499)).dot(direction.normalize()) / 0.5;
-    let (led, free) = (along(&with), along(&without));
+    let (commanded, free) = (along(&with), along(&without));
     let asked = direction.length();
-    assert!((led - asked).abs() < 0.5 * (free - asked).abs(), "{led} {free} {asked}");
+    assert!((commanded - asked).abs() < 0.5 * (free - asked).abs(), "{commanded} {free} {asked}");
     within_limits(&with, &config, &chain);
 }
 
@@ -229,16 +229,16 @@ fn a_command_into_an_obstacle_does_not_lead_there() {
         size: [0.1, 0.0, 0.0],
         ..Default::default()
     };
-    // Always straight at it, however the point is led around.
+    // Always straight at it, however the point moves around it.
     let (_, _, points) = robot::<2>(&PLANE);
     let radius = points.as_slice()[0].radius + 0.1;
-    let wish = |tick, time_ns| Some(command(tick, time_ns, [0.0, -5.0, 0.0]));
-    let led = run("ext-ball", &PLANE, |_| {}, Some(ball), 4000, Some(&wish));
+    let desired = |tick, time_ns| Some(command(tick, time_ns, [0.0, -5.0, 0.0]));
+    let commanded = run("ext-ball", &PLANE, |_| {}, Some(ball), 4000, Some(&desired));
     let centre = nalgebra::Vector2::new(0.1, -0.4);
-    let distances = (0..4000).map(|tick| (led.position::<2>(tick) - centre).norm());
+    let distances = (0..4000).map(|tick| (commanded.position::<2>(tick) - centre).norm());
     let least = distances.fold(f64::INFINITY, f64::min);
     assert!(least > radius, "{least} {radius}");
-    assert!(least < radius + 0.3, "it was not led there: {least}");
+    assert!(least < radius + 0.3, "it did not come there: {least}");
 }
 
 #[test]
@@ -259,13 +259,13 @@ fn a_command_into_the_table_does_not_lead_an_arm_there() {
         quaternion: [1.0, 0.0, 0.0, 0.0],
         ..Default::default()
     };
-    let wish = |tick, time_ns| Some(command(tick, time_ns, [0.0, 0.0, -1.0]));
-    let led = run("ext-table", &POSES, |_| {}, Some(table), 4000, Some(&wish));
-    let heights = (0..4000).map(|tick| height(&kinematics(&chain, &led.position::<6>(tick))));
+    let desired = |tick, time_ns| Some(command(tick, time_ns, [0.0, 0.0, -1.0]));
+    let commanded = run("ext-table", &POSES, |_| {}, Some(table), 4000, Some(&desired));
+    let heights = (0..4000).map(|tick| height(&kinematics(&chain, &commanded.position::<6>(tick))));
     let least = heights.fold(f64::INFINITY, f64::min) - table_m;
     assert!(least > 0.0, "{least}");
-    assert!(least < 0.05, "it was not led there: {least}");
-    within_limits(&led, &config, &chain);
+    assert!(least < 0.05, "it did not come there: {least}");
+    within_limits(&commanded, &config, &chain);
 }
 
 #[test]
@@ -274,8 +274,8 @@ fn an_arm_that_is_held_is_not_out_of_reach_and_goes_on_when_it_is_let_go() {
     let edit = |config: &mut ControllerConfig| {
         config.external.as_mut().unwrap().linear_inertia_kg = 1e6;
     };
-    let wish = |tick: u64, time_ns| (tick < 3000).then(|| command(tick, time_ns, [0.0; 3]));
-    let motion = run("ext-held", &PLANE, edit, None, 8000, Some(&wish));
+    let desired = |tick: u64, time_ns| (tick < 3000).then(|| command(tick, time_ns, [0.0; 3]));
+    let motion = run("ext-held", &PLANE, edit, None, 8000, Some(&desired));
     let moved = (motion.position::<2>(2900) - motion.position::<2>(0)).norm();
     assert!(moved < 0.01, "it is not held: {moved}");
     assert!(motion.commands.iter().all(|command| command.reason == Reason::None.to_wire()));

@@ -34,7 +34,7 @@ enum Event {
     /// The policy wants this, as far as numbers go.
     Follow(Joints),
     /// A fault, with or without a measurement of the arm.
-    Brake { seen: bool },
+    Brake { measured: bool },
     /// The controller was held up.
     Gap,
 }
@@ -59,7 +59,7 @@ fn event() -> impl Strategy<Value = Event> {
         1 => Just(f64::INFINITY), 1 => Just(f64::NAN)];
     prop_oneof![
         12 => (joints(1.0), size).prop_map(|(direction, size)| Event::Follow(direction * size)),
-        2 => any::<bool>().prop_map(|seen| Event::Brake { seen }),
+        2 => any::<bool>().prop_map(|measured| Event::Brake { measured }),
         1 => Just(Event::Gap),
     ]
 }
@@ -94,7 +94,7 @@ fn inside(
     Ok(())
 }
 
-/// Gains over many decades: from a policy that hardly speaks to one that shouts.
+/// Gains over many decades: from a policy of hardly any weight to one that outweighs all others.
 fn decades() -> impl Strategy<Value = f64> {
     (-3.0..4.0_f64).prop_map(|e| 10_f64.powf(e))
 }
@@ -107,19 +107,21 @@ fn number(range: f64) -> impl Strategy<Value = f64> {
 
 fn frame(name: &'static str) -> impl Strategy<Value = Frame> {
     let numbers = prop::collection::vec(number(2.0), 9);
-    let turn = (-4.0..4.0_f64, -4.0..4.0_f64, -4.0..4.0_f64);
-    (numbers, turn, prop_oneof![30 => Just(1), 1 => Just(0)]).prop_map(move |(n, turn, valid)| {
-        let turn = DQuat::from_scaled_axis(turn.into());
-        Frame {
-            name: name_bytes(name).unwrap(),
-            valid,
-            position: [n[0], n[1], n[2]],
-            quaternion: [turn.w, turn.x, turn.y, turn.z],
-            linear_velocity: [n[3], n[4], n[5]],
-            angular_velocity: [n[6], n[7], n[8]],
-            ..Default::default()
-        }
-    })
+    let rotation = (-4.0..4.0_f64, -4.0..4.0_f64, -4.0..4.0_f64);
+    (numbers, rotation, prop_oneof![30 => Just(1), 1 => Just(0)]).prop_map(
+        move |(n, rotation, valid)| {
+            let rotation = DQuat::from_scaled_axis(rotation.into());
+            Frame {
+                name: name_bytes(name).unwrap(),
+                valid,
+                position: [n[0], n[1], n[2]],
+                quaternion: [rotation.w, rotation.x, rotation.y, rotation.z],
+                linear_velocity: [n[3], n[4], n[5]],
+                angular_velocity: [n[6], n[7], n[8]],
+                ..Default::default()
+            }
+        },
+    )
 }
 
 fn obstacle() -> impl Strategy<Value = Obstacle> {
@@ -175,7 +177,7 @@ proptest! {
         let mut scene = Scene::new(names.into(), 1);
         let range = chain.position_upper() - chain.position_lower();
         let mut q = chain.position_lower() + range.component_mul(&Joints::from(start));
-        for (k, (first, second, obstacles, velocity, wish, dt)) in messages.into_iter().enumerate() {
+        for (k, (first, second, obstacles, velocity, desired, dt)) in messages.into_iter().enumerate() {
             let mut state = RobotState { joint_count: N as u32, ..Default::default() };
             state.position[..N].copy_from_slice(q.as_slice());
             state.velocity[..N].copy_from_slice(&velocity);
@@ -183,8 +185,8 @@ proptest! {
             let command = ToolCommand {
                 sequence: 1 + k as u64,
                 time_ns,
-                linear_velocity: [wish[0], wish[1], wish[2]],
-                angular_velocity: [wish[3], wish[4], wish[5]],
+                linear_velocity: [desired[0], desired[1], desired[2]],
+                angular_velocity: [desired[3], desired[4], desired[5]],
             };
             external.update(&command, time_ns);
             external.advance(time_ns, dt);
@@ -196,9 +198,9 @@ proptest! {
             };
             frames.frames[..2].copy_from_slice(&[first, second]);
             frames.obstacles[..obstacles.len()].copy_from_slice(&obstacles);
-            let seen = scene.update(&frames, &loaded.config.frame_observer);
+            let updated = scene.update(&frames, &loaded.config.frame_observer);
             let measured = check_state(&state, chain);
-            let decided = seen.and(measured).and_then(|state| {
+            let decided = updated.and(measured).and_then(|state| {
                 let parameters = TaskParameters {
                     frames: scene.frames(),
                     goal_frame: scene.goal_frame(),
@@ -250,7 +252,7 @@ proptest! {
                     prop_assert_eq!(setpoint.is_ok(), finite);
                     setpoint.ok().or_else(|| motion.brake(&chain, Some(state), dt))
                 }
-                Event::Brake { seen } => motion.brake(&chain, seen.then_some(state), dt),
+                Event::Brake { measured } => motion.brake(&chain, measured.then_some(state), dt),
                 Event::Gap => {
                     motion.mark_stale();
                     motion.brake(&chain, Some(state), dt)
@@ -263,13 +265,13 @@ proptest! {
         }
     }
 
-    /// From any speed, seen or blind, the reference is at rest within the time that its largest
+    /// From any speed, measured or blind, the reference is at rest within the time that its largest
     /// deceleration needs.
     #[test]
     fn braking_ends_in_bounded_time(
         start in prop::array::uniform6(0.2..0.8_f64),
         velocity in joints(5.0),
-        seen in any::<bool>(),
+        measured in any::<bool>(),
         dt in 1e-4..5e-3_f64,
     ) {
         let (config, chain) = shipped();
@@ -283,7 +285,7 @@ proptest! {
         let longest_s = limits.velocity_max.max() / deceleration;
         let mut passed_s = 0.0;
         while !motion.reference_rests() {
-            motion.brake(&chain, seen.then_some(state), dt);
+            motion.brake(&chain, measured.then_some(state), dt);
             passed_s += dt;
             prop_assert!(passed_s <= longest_s + 3.0 * dt, "still moving after {passed_s} s");
         }

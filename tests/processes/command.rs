@@ -1,4 +1,4 @@
-//! Somebody commands the tool of a running controller, as a user does it.
+//! External commands of the tool of a running controller, as a user gives them.
 
 use std::process::Stdio;
 
@@ -21,7 +21,7 @@ fn a_command_leads_the_point_from_its_goal_and_let_go_it_comes_back() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    robot.until("led away", Robot::live, |robot, _| robot.state.position[1] < 0.8);
+    robot.until("commanded away", Robot::live, |robot, _| robot.state.position[1] < 0.8);
     signal(&commander, "-INT");
     robot.until("back at the goal", Robot::live, |robot, _| from_goal(robot) < 0.003);
     let said = finish(commander);

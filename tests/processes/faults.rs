@@ -1,4 +1,4 @@
-//! What the controller does when its inputs fail, seen from outside: a publisher of the test's own
+//! What the controller does when its inputs fail, observed from outside: a publisher of the test's own
 //! feeds it over shared memory and looks at the commands.
 
 use tprmp_messages::{CommandMode, JointCommand, Reason, RobotState, TaskFrames};
@@ -54,8 +54,8 @@ fn faulty_input_brings_the_arm_to_rest_with_a_reason_and_it_resumes() {
             modes.push(command.mode);
             top_speed = top_speed.max(robot.speed());
         }
-        let told = |mode: CommandMode| modes.contains(&mode.to_wire());
-        assert!(told(CommandMode::Hold) && !told(CommandMode::Track), "{reason:?}");
+        let commanded = |mode: CommandMode| modes.contains(&mode.to_wire());
+        assert!(commanded(CommandMode::Hold) && !commanded(CommandMode::Track), "{reason:?}");
         assert!(robot.speed() < 0.01, "{reason:?}: {} m/s after a second", robot.speed());
         assert!(top_speed < 0.6, "{reason:?}: it ran away at {top_speed} m/s");
         if reason == Reason::JointLimit {
@@ -71,9 +71,9 @@ fn faulty_input_brings_the_arm_to_rest_with_a_reason_and_it_resumes() {
     stop(robot, controller);
 }
 
-/// Moved while it could not be seen, and seen again while frames are missing: it stays there.
+/// Moved while it was not measured, and measured again while frames are missing: it stays there.
 #[test]
-fn an_arm_that_was_moved_out_of_sight_is_not_snapped_back() {
+fn an_arm_that_was_moved_unmeasured_is_not_snapped_back() {
     let place = Place::new("moved");
     let (mut robot, controller) = start(&place, &["--lockstep"]);
     robot.run_up();
@@ -141,10 +141,10 @@ fn comes_to_rest_and_goes_on(robot: &mut Robot, first: JointCommand, reason: Rea
     robot.run_up();
 }
 
-/// No state arrives any more: the arm is led to rest blindly, then the robot has to brake. When
+/// No state arrives any more: the arm is brought to rest blindly, then the robot has to brake. When
 /// states come again, from another place, it goes on from there.
 #[test]
-fn a_stale_state_brings_the_arm_to_rest_and_it_resumes_from_where_it_is_seen() {
+fn a_stale_state_brings_the_arm_to_rest_and_it_resumes_from_where_it_is_measured() {
     for trigger in ["periodic", "on-state"] {
         let place = Place::new(&format!("stale-{trigger}"));
         let (mut robot, controller) = start(&place, &["--trigger", trigger]);
@@ -160,11 +160,15 @@ fn a_stale_state_brings_the_arm_to_rest_and_it_resumes_from_where_it_is_seen() {
             command.reason == stale && command.mode == CommandMode::Stop.to_wire()
         });
         robot.state.position[0] += 0.3;
-        let seen = robot.state.position[0];
+        let measured = robot.state.position[0];
         let resumed = robot.until("resume", Robot::live, |_, command| {
             command.mode == CommandMode::Track.to_wire()
         });
-        assert!((resumed.position[0] - seen).abs() < 0.02, "{} m", resumed.position[0] - seen);
+        assert!(
+            (resumed.position[0] - measured).abs() < 0.02,
+            "{} m",
+            resumed.position[0] - measured
+        );
         let speed = resumed.velocity[0].hypot(resumed.velocity[1]);
         assert!(speed < 0.1, "it goes on at {speed} m/s");
         stop_live(robot, controller);

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use tprmp_controller::timing::realtime::monotonic_ns;
 use tprmp_messages::{
     CommandMode, Frame, Instance, JointCommand, Obstacle, ObstacleKind, Reason, RobotState,
-    StatePublisherPorts, TaskFrames, name_bytes,
+    StatePublisherPorts, TaskFrames,
 };
 
 use crate::common::{Place, file, finish, text};
@@ -27,13 +27,7 @@ pub(crate) struct Robot {
 
 impl Robot {
     pub(crate) fn new(place: &Place) -> Self {
-        let frame = |name: &str, position: [f64; 3]| Frame {
-            name: name_bytes(name).unwrap(),
-            valid: 1,
-            position,
-            quaternion: [1.0, 0.0, 0.0, 0.0],
-            ..Default::default()
-        };
+        let frame = |name, position| Frame::at(name, position).unwrap();
         let mut frames = TaskFrames { frame_count: 3, obstacle_count: 1, ..Default::default() };
         frames.frames[0] = frame("start", [0.0, 0.0, 0.0]);
         frames.frames[1] = frame("end", [2.0, 1.0, 0.0]);
@@ -109,7 +103,7 @@ impl Robot {
         self.exchange(|_| {}, |_| {})
     }
 
-    /// In lockstep: runs until the point is on its way.
+    /// In lockstep: runs until the point moves.
     pub(crate) fn run_up(&mut self) {
         let under_way = (0..5000).any(|_| {
             self.good();
@@ -157,7 +151,7 @@ impl Robot {
         panic!("{what}: it did not come to this");
     }
 
-    /// Against the clock: runs until the point is on its way.
+    /// Against the clock: runs until the point moves.
     pub(crate) fn run_up_live(&mut self) {
         self.until("run up", Self::live, |robot, command| {
             command.reason == Reason::None.to_wire() && robot.speed() > 0.3

@@ -1,4 +1,4 @@
-//! How the controller ends, seen from outside.
+//! How the controller ends, observed from outside.
 
 use std::time::Duration;
 

@@ -1,5 +1,5 @@
 //! What a message must be by itself, before anybody believes it: counts, names, finite numbers, unit
-//! quaternions. Whether it fits a robot, a skill or the time is judged by whoever reads it.
+//! quaternions. Whether it fits a robot, a skill or the time is judged by its reader.
 
 use core::fmt;
 

@@ -10,9 +10,9 @@
 //! | `<instance>/task_frames/v1`      | [`TaskFrames`]       | state publisher   | controller |
 //! | `<instance>/joint_command/v1`    | [`JointCommand`]     | controller        | robot      |
 //! | `<instance>/controller_status/v1`| [`ControllerStatus`] | controller        | anyone     |
-//! | `<instance>/tool_command/v1`     | [`ToolCommand`]      | whoever commands  | controller |
+//! | `<instance>/tool_command/v1`     | [`ToolCommand`]      | teleoperation, …  | controller |
 //!
-//! The last one exists only while somebody commands, or a controller listens.
+//! The last one exists only while it is commanded, or a controller listens.
 //!
 //! Conventions: SI units, quaternions `w, x, y, z`, poses and velocities expressed in the robot's
 //! base frame `B`, times on `CLOCK_MONOTONIC` in nanoseconds (a lockstep publisher may use its own

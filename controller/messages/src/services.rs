@@ -260,7 +260,7 @@ impl Instance {
         })
     }
 
-    /// Opens the side of somebody who commands the tool beside the skill. A controller need not be there,
+    /// Opens the side of an external command of the tool, beside the skill. A controller need not be there,
     /// nor listen.
     ///
     /// # Errors
@@ -273,8 +273,7 @@ impl Instance {
         })
     }
 
-    /// Opens the side of somebody who only reads how the controller is doing, whether it is there or
-    /// not.
+    /// Opens the side of a reader of the controller's status, whether it is there or not.
     ///
     /// # Errors
     /// See [`ServiceError`].
@@ -308,7 +307,7 @@ fn open_error<M>(service: &str, error: PublishSubscribeOpenOrCreateError) -> Ser
     }
 }
 
-/// Free shared memory \[bytes\], the most there can be when it cannot be told.
+/// Free shared memory \[bytes\], the most there can be when it is not known.
 #[must_use]
 pub fn free_shared_memory_bytes() -> u64 {
     rustix::fs::statvfs("/dev/shm").map_or(u64::MAX, |s| s.f_bavail.saturating_mul(s.f_frsize))
@@ -395,7 +394,7 @@ pub struct ControllerPorts {
 }
 
 impl ControllerPorts {
-    /// Listens to whoever commands the tool, now or later.
+    /// Listens to external commands, now or later.
     ///
     /// # Errors
     /// See [`ServiceError`].
@@ -441,7 +440,7 @@ pub struct ObserverPorts {
     _node: NodeGuard,
 }
 
-/// The port of somebody who commands the tool. Dropped, it leaves no files behind.
+/// The port of an external command. Dropped, it leaves no files behind.
 #[derive(Debug)]
 pub struct ToolCommandPort {
     /// Desired velocities.
@@ -449,7 +448,7 @@ pub struct ToolCommandPort {
     _node: NodeGuard,
 }
 
-/// The port of somebody who wants to know how the controller is doing. Dropped, it leaves no files
+/// The port of a reader of the controller's status. Dropped, it leaves no files
 /// behind.
 #[derive(Debug)]
 pub struct StatusPort {

@@ -42,11 +42,11 @@ impl Drop for Monitor {
 }
 
 fn watch(status: &SharedStatus, closed: &AtomicBool) {
-    let (mut printed, mut seen, mut looks) = (None, None, 0);
+    let (mut printed, mut last, mut looks) = (None, None, 0);
     while !closed.load(Ordering::Relaxed) {
         let now = status.read();
-        looks = if seen == Some(now) { looks + 1 } else { 0 };
-        seen = Some(now);
+        looks = if last == Some(now) { looks + 1 } else { 0 };
+        last = Some(now);
         if looks >= LOOKS_MIN && printed != Some(now) {
             printed = Some(now);
             eprintln!("controller: {}", describe(now.0, now.1));

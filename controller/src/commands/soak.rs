@@ -122,7 +122,7 @@ impl Observed {
         followed
     }
 
-    /// How far the schedule is from where its periods lead \[ns\].
+    /// How far the schedule is from its periods \[ns\].
     fn drift_ns(&self) -> Option<i128> {
         let (first, last) = self.first.as_ref().zip(self.last.as_ref())?;
         let slot = |status: &ControllerStatus| i128::from(status.ticks + status.skipped_periods);
@@ -247,7 +247,7 @@ impl Soak {
             let mut publisher = Guarded(self.start_publisher(self.seed + observed.starts)?);
             let started = Instant::now();
             let mut end = None;
-            // What the old publisher's states led to may still be on its way.
+            // Statuses of the old publisher's time may still wait.
             observed.receive(port);
             while !over() && end.is_none_or(|end| Instant::now() < end) {
                 thread::sleep(LOOK);

@@ -51,7 +51,7 @@ impl ExternalCommand {
     }
 
     /// Updates with a message at the time `now_ns` \[ns\], if it counts. While a command is
-    /// fresh, only one with a higher sequence counts; after that somebody else may begin.
+    /// fresh, only one with a higher sequence counts; after that another publisher may begin.
     pub fn update(&mut self, message: &ToolCommand, now_ns: u64) {
         let velocity = Twist {
             linear: message.linear_velocity.into(),

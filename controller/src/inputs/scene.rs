@@ -20,7 +20,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A scene of these frames, not yet seen; `goal_frame` tells which of them the goal is fixed to.
+    /// A scene of these frames, none of them known yet; the goal is fixed to that of index `goal_frame`.
     ///
     /// # Panics
     /// When there are more than [`FRAME_CAPACITY`] frames, or the goal's is none of them.
@@ -56,7 +56,7 @@ impl Scene {
         &self.obstacles[..self.obstacle_count]
     }
 
-    /// Takes in a message, all of it or nothing.
+    /// Updates with a message, all of it or nothing.
     ///
     /// # Errors
     /// The reason for which the arm has to stop; the scene is as it was.

@@ -1,13 +1,13 @@
 //! Pushes: what moves the arm beside its command, and how fast it may.
 //!
-//! Computed torques make every joint accelerate as asked; what is measured beyond that, somebody else
-//! does. A light wrist gives way to a push of some newtons with hundreds of rad/s², faster than any
+//! Computed torques make every joint accelerate as asked; what is measured beyond that is a
+//! push. A light wrist gives way to a push of some newtons with hundreds of rad/s², faster than any
 //! impedance that is weighed by the inertia of its links would brake it.
 
 use nalgebra::SVector;
 use tprmp_model::controller_config::Disturbance;
 
-/// States farther apart tell nothing of the acceleration in between \[s\].
+/// States farther apart say nothing about the acceleration in between \[s\].
 const GAP_MAX_S: f64 = 0.02;
 
 /// Observer of the joint accelerations that were not asked for.
@@ -115,15 +115,15 @@ mod tests {
         let mut observer = DisturbanceObserver::<1>::new(SETTINGS);
         let (mut speed, mut most) = (0.0, 0.0_f64);
         let mut underway = std::collections::VecDeque::from(vec![0.0; delay]);
-        let mut seen = Vector1::new(0.0);
+        let mut measured = Vector1::new(0.0);
         for tick in 0..400_u64 {
             if tick.is_multiple_of(2) {
-                seen = Vector1::new(speed);
-                observer.observe(&seen, 1 + tick * 1_000_000);
+                measured = Vector1::new(speed);
+                observer.observe(&measured, 1 + tick * 1_000_000);
             }
-            let added =
-                observer.compensation(&seen, &Vector1::new(0.0), &Vector1::new(3.0)) - seen * 20.0;
-            let asked = if guarded { added } else { -seen * 20.0 };
+            let added = observer.compensation(&measured, &Vector1::new(0.0), &Vector1::new(3.0))
+                - measured * 20.0;
+            let asked = if guarded { added } else { -measured * 20.0 };
             observer.asked(&asked, false, 1e-3);
             underway.push_back(asked[0]);
             let acts = underway.pop_front().unwrap();

@@ -32,7 +32,7 @@ impl<const N: usize> Reference<N> {
         self.position += self.velocity * dt;
     }
 
-    /// Gives way to the measured state with the time constant `time_constant_s`, so that a push
+    /// Tends to the measured state with the time constant `time_constant_s`, so that a push
     /// moves the reference along and saturation winds nothing up; its velocity stays in its limits.
     pub fn follow(
         &mut self,

@@ -1,4 +1,4 @@
-//! Where the task stands, and whether it gets on.
+//! Where the task stands, and whether it makes progress.
 
 pub mod stall;
 pub mod state;

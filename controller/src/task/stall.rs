@@ -64,9 +64,9 @@ impl Unchanged {
 
 impl StallDetector {
     /// Updates with a tick of `dt` \[s\]. Of an arm that is externally commanded it is not known whether
-    /// it could get on by itself: it can only be blocked.
+    /// it would make progress by itself: it can only be blocked.
     ///
-    /// [`Reason::Blocked`] or [`Reason::Unreachable`] when a task that is under way does not get on,
+    /// [`Reason::Blocked`] or [`Reason::Unreachable`] when a task that is under way makes no progress,
     /// else [`Reason::None`]. The policy is followed all the while: once the obstacle or the goal
     /// moves, the arm does.
     pub fn update(
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_that_creeps_along_an_obstacle_is_blocked_until_it_gets_on() {
+    fn an_arm_that_creeps_along_an_obstacle_is_blocked_until_it_makes_progress() {
         let free = Proximity { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
         let against = Proximity { obstructed_fraction: 0.5, ..free };
         let after = |seconds: usize, fraction: f64, proximity: &Proximity| {
@@ -165,7 +165,7 @@ mod tests {
         };
         assert_eq!(after(5, 0.99, &against), Reason::Blocked);
         assert_eq!(after(2, 0.99, &against), Reason::None, "not yet");
-        assert_eq!(after(5, 0.8, &against), Reason::None, "it gets on");
+        assert_eq!(after(5, 0.8, &against), Reason::None, "it makes progress");
         assert_eq!(after(5, 1.2, &against), Reason::None, "the goal moves away");
         assert_eq!(after(5, 0.99, &free), Reason::None, "it follows what moves");
     }
@@ -209,7 +209,7 @@ mod tests {
         };
         assert_eq!(after(0.0, 0.99, 4), Reason::Unreachable);
         assert_eq!(after(0.0, 0.99, 2), Reason::None, "not yet");
-        assert_eq!(after(0.0, 0.9, 9), Reason::None, "it goes round its goal and gets on");
+        assert_eq!(after(0.0, 0.9, 9), Reason::None, "it goes round its goal");
         assert_eq!(after(0.1, 0.99, 9), Reason::None, "it follows its goal");
     }
 }

@@ -180,7 +180,7 @@ pub struct PageFaults {
 }
 
 impl PageFaults {
-    /// Those of the calling thread since it began, `None` where the system does not tell. Does not
+    /// Those of the calling thread since it began, `None` where the system does not say. Does not
     /// allocate, but reads a file: not for the loop.
     #[must_use]
     pub fn of_this_thread() -> Option<Self> {
@@ -219,10 +219,10 @@ mod tests {
 
     #[test]
     fn memory_that_is_touched_for_the_first_time_faults() {
-        let before = PageFaults::of_this_thread().expect("Linux tells");
+        let before = PageFaults::of_this_thread().expect("Linux counts them");
         let memory = vec![0_u8; 64 << 20];
         let sum: u64 = memory.iter().step_by(4096).map(|byte| u64::from(*byte)).sum();
-        let after = PageFaults::of_this_thread().expect("Linux tells");
+        let after = PageFaults::of_this_thread().expect("Linux counts them");
         assert_eq!(core::hint::black_box(sum), 0);
         // With huge pages fewer than one a page of 4 KiB.
         assert!(after.since(&before).minor >= 32, "{before:?} {after:?}");

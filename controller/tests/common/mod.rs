@@ -1,4 +1,4 @@
-//! What the tests over real ports share: settings of a robot with a skill, and a loop in a thread of
+//! What the tests over real ports have in common: settings of a robot with a skill, and a loop in a thread of
 //! its own.
 
 use std::path::{Path, PathBuf};
@@ -10,9 +10,7 @@ use std::time::{Duration, Instant};
 use tprmp_controller::startup::{self, StartError, WithRobot};
 use tprmp_controller::telemetry::RunOutcome;
 use tprmp_controller::timing::pacing::Pacing;
-use tprmp_messages::{
-    Frame, Instance, JointCommand, RobotState, StatePublisherPorts, TaskFrames, name_bytes,
-};
+use tprmp_messages::{Frame, Instance, JointCommand, RobotState, StatePublisherPorts, TaskFrames};
 use tprmp_model::controller_config::ControllerConfig;
 
 /// A file of the repository.
@@ -51,17 +49,11 @@ impl Setting {
         state
     }
 
-    /// The skill's frames, not turned.
+    /// The skill's frames, not rotated.
     pub(crate) fn frames(&self) -> TaskFrames {
         let mut frames = TaskFrames { frame_count: 2, ..Default::default() };
         for (frame, (name, position)) in frames.frames.iter_mut().zip(self.frames) {
-            *frame = Frame {
-                name: name_bytes(name).unwrap(),
-                valid: 1,
-                position,
-                quaternion: [1.0, 0.0, 0.0, 0.0],
-                ..Default::default()
-            };
+            *frame = Frame::at(name, position).unwrap();
         }
         frames
     }
