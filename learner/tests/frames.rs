@@ -35,17 +35,17 @@ fn pick_thesis() -> Skill {
     Skill { mixture: planar.mixture, fit: planar.fit, ..unexamined("pick.ron") }
 }
 
-fn learned(skill: &Skill, shown: &[Demonstration]) -> Trained {
-    learn(skill, shown, 1, &mut |_| {}).unwrap()
+fn learned(skill: &Skill, demonstrated: &[Demonstration]) -> Trained {
+    learn(skill, demonstrated, 1, &mut |_| {}).unwrap()
 }
 
 /// A motion of everything: of the plane for planar skills.
-fn motion(manifold: Manifold, translation: DVec3, turn: DVec3) -> Pose {
+fn motion(manifold: Manifold, translation: DVec3, rotation: DVec3) -> Pose {
     if manifold == Manifold::R2 {
         let position = translation * DVec3::new(1.0, 1.0, 0.0);
-        return Pose { position, orientation: DQuat::from_rotation_z(turn.z) };
+        return Pose { position, orientation: DQuat::from_rotation_z(rotation.z) };
     }
-    Pose { position: translation, orientation: DQuat::from_scaled_axis(turn) }
+    Pose { position: translation, orientation: DQuat::from_scaled_axis(rotation) }
 }
 
 /// A pose of the tool, moved; planar ones have no orientation.
@@ -57,9 +57,9 @@ fn moved(manifold: Manifold, motion: &Pose, pose: &Pose) -> Pose {
 }
 
 /// Demonstrations with their frames, moved together.
-fn all_moved(shown: &[Demonstration], motion: &Pose) -> Vec<Demonstration> {
-    let mut shown = shown.to_vec();
-    for demonstration in &mut shown {
+fn all_moved(demonstrated: &[Demonstration], motion: &Pose) -> Vec<Demonstration> {
+    let mut demonstrated = demonstrated.to_vec();
+    for demonstration in &mut demonstrated {
         let manifold = demonstration.manifold;
         for frame in [&mut demonstration.start, &mut demonstration.goal_frame]
             .into_iter()
@@ -69,7 +69,7 @@ fn all_moved(shown: &[Demonstration], motion: &Pose) -> Vec<Demonstration> {
         }
         demonstration.poses.iter_mut().for_each(|pose| *pose = moved(manifold, motion, pose));
     }
-    shown
+    demonstrated
 }
 
 fn at_rest(frames: &[Pose]) -> Vec<MovingPose> {
@@ -102,10 +102,10 @@ fn acceleration(model: &SkillModel, frames: &[Pose], pose: &Pose, v: [DVec3; 2])
 }
 
 /// A demonstration's frames, displaced by up to some fraction of a metre and of a radian, and a pose
-/// of the tool near the demonstrated way, with a velocity.
+/// of the tool near the demonstrated path, with a velocity.
 fn near(
     skill: &Skill,
-    shown: &[Demonstration],
+    demonstrated: &[Demonstration],
     transforms: f64,
     random: &mut ChaCha8Rng,
 ) -> (Vec<Pose>, Pose, [DVec3; 2]) {
@@ -119,7 +119,7 @@ fn near(
             orientation: by.orientation * pose.orientation,
         }
     };
-    let demonstration = &shown[1];
+    let demonstration = &demonstrated[1];
     let frames = skill
         .frames(demonstration)
         .iter()
@@ -127,8 +127,8 @@ fn near(
         .collect();
     let pose = beside(&demonstration.poses[70], 0.07, 0.2);
     let velocity = motion(skill.manifold, ball(0.3), DVec3::ZERO).position;
-    let turning = if skill.manifold == Manifold::R3S3 { ball(0.5) } else { DVec3::ZERO };
-    (frames, moved(skill.manifold, &Pose::IDENTITY, &pose), [velocity, turning])
+    let rotating = if skill.manifold == Manifold::R3S3 { ball(0.5) } else { DVec3::ZERO };
+    (frames, moved(skill.manifold, &Pose::IDENTITY, &pose), [velocity, rotating])
 }
 
 /// The policy of `after`, learned from moved demonstrations, is that of `before`, moved.
@@ -140,9 +140,9 @@ fn assert_policy_moved(
     seed: u64,
 ) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let shown = arcs(skill.manifold);
+    let demonstrated = arcs(skill.manifold);
     for _ in 0..20 {
-        let (frames, pose, velocity) = near(skill, &shown, 0.05, &mut random);
+        let (frames, pose, velocity) = near(skill, &demonstrated, 0.05, &mut random);
         let expected = acceleration(before, &frames, &pose, velocity).map(|a| by.orientation * a);
         let frames: Vec<_> = frames.iter().map(|frame| by.compose(frame)).collect();
         let pose = moved(skill.manifold, by, &pose);
@@ -198,7 +198,7 @@ fn assert_mixture_moved([before, after]: [&SkillModel; 2], by: &Pose) {
     assert_eq!(before.canonical.rotate_positions, after.canonical.rotate_positions);
 }
 
-/// Skills, and the models that are learned where they were shown.
+/// Skills, and the models that are learned where they were demonstrated.
 static SKILLS: LazyLock<Vec<(Skill, SkillModel)>> = LazyLock::new(|| {
     [
         unexamined("planar.ron"),
@@ -214,11 +214,11 @@ static SKILLS: LazyLock<Vec<(Skill, SkillModel)>> = LazyLock::new(|| {
     .collect()
 });
 
-/// The same for canonical skills whose ways turn with the frames, of two frames and of one.
-static TURNING: LazyLock<Vec<(Skill, SkillModel)>> = LazyLock::new(|| {
+/// The same for canonical skills whose paths rotate with the frames, of two frames and of one.
+static ROTATING: LazyLock<Vec<(Skill, SkillModel)>> = LazyLock::new(|| {
     let all = ["planar.ron", "pick.ron"].map(|template| {
         [unexamined(template), single_frame(unexamined(template))].map(|skill| {
-            let model = learned(&skill, &turned_arcs(skill.manifold)).model;
+            let model = learned(&skill, &rotated_arcs(skill.manifold)).model;
             assert!(model.canonical.rotate_positions);
             (skill, model)
         })
@@ -231,12 +231,12 @@ fn single_frame(skill: Skill) -> Skill {
     Skill { start_frame: skill.goal_frame.clone(), ..skill }
 }
 
-/// Arcs that are shown in different places, way and frames together.
-fn turned_arcs(manifold: Manifold) -> Vec<Demonstration> {
-    let place = |(i, shown): (usize, Demonstration)| {
-        let turn = DVec3::new(0.1, -0.05, 0.4) * (i as f64 - 1.0);
-        let by = motion(manifold, DVec3::new(0.02, -0.03, 0.01) * i as f64, turn);
-        all_moved(&[shown], &by)
+/// Arcs that are demonstrated in different places, path and frames together.
+fn rotated_arcs(manifold: Manifold) -> Vec<Demonstration> {
+    let place = |(i, demonstrated): (usize, Demonstration)| {
+        let rotation = DVec3::new(0.1, -0.05, 0.4) * (i as f64 - 1.0);
+        let by = motion(manifold, DVec3::new(0.02, -0.03, 0.01) * i as f64, rotation);
+        all_moved(&[demonstrated], &by)
     };
     arcs(manifold).into_iter().enumerate().flat_map(place).collect()
 }
@@ -254,7 +254,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 4, failure_persistence: None, ..Default::default() })]
 
     #[test]
-    fn what_is_shown_elsewhere_is_learned_there(translation in vector(2.0), seed in any::<u64>()) {
+    fn what_is_demonstrated_elsewhere_is_learned_there(translation in vector(2.0), seed in any::<u64>()) {
         for (skill, before) in &*SKILLS {
             let by = motion(skill.manifold, translation, DVec3::ZERO);
             let after = learned(skill, &all_moved(&arcs(skill.manifold), &by)).model;
@@ -265,13 +265,13 @@ proptest! {
     }
 
     /// The convex program of the canonical policy looks at points on a grid along the axes of the
-    /// base frame, so that its field is not quite the turned one; all the rest is.
+    /// base frame, so that its field is not quite the rotated one; all the rest is.
     #[test]
-    fn what_is_shown_turned_is_learned_turned(
-        translation in vector(2.0), turn in vector(1.8), seed in any::<u64>(),
+    fn what_is_demonstrated_rotated_is_learned_rotated(
+        translation in vector(2.0), rotation in vector(1.8), seed in any::<u64>(),
     ) {
         for (skill, before) in &*SKILLS {
-            let by = motion(skill.manifold, translation, turn);
+            let by = motion(skill.manifold, translation, rotation);
             let after = learned(skill, &all_moved(&arcs(skill.manifold), &by)).model;
             assert_mixture_moved([before, &after], &by);
             if is_thesis(skill) {
@@ -282,12 +282,12 @@ proptest! {
 
     #[test]
     fn a_policy_moves_with_its_frames(
-        translation in vector(2.0), turn in vector(1.8), seed in any::<u64>(),
+        translation in vector(2.0), rotation in vector(1.8), seed in any::<u64>(),
     ) {
-        for (skill, model) in SKILLS.iter().chain(&*TURNING) {
-            // Positions that do not turn with the frames keep their way upright.
-            let turns = is_thesis(skill) || model.canonical.rotate_positions;
-            let by = motion(skill.manifold, translation, if turns { turn } else { DVec3::ZERO });
+        for (skill, model) in SKILLS.iter().chain(&*ROTATING) {
+            // Positions that do not rotate with the frames keep their path upright.
+            let rotates = is_thesis(skill) || model.canonical.rotate_positions;
+            let by = motion(skill.manifold, translation, if rotates { rotation } else { DVec3::ZERO });
             // The phase at which a pose starts is a minimum: found to the root of the precision.
             assert_policy_moved(skill, [model, model], &by, 3e-6, seed);
         }
@@ -300,7 +300,7 @@ proptest! {
     #[test]
     fn energy_never_rises_with_displaced_frames(seed in any::<u64>()) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        for (skill, model) in SKILLS.iter().chain(&*TURNING) {
+        for (skill, model) in SKILLS.iter().chain(&*ROTATING) {
             let policy = LearnedPolicy::new(model).unwrap();
             let steps: &[f64] = if is_thesis(skill) { &[5e-5] } else { &[1e-2, 1e-3] };
             for _ in 0..3 {
@@ -332,7 +332,7 @@ fn goal(model: &SkillModel, frames: &[Pose]) -> Pose {
 fn a_skill_of_one_frame_is_learned_and_holds() {
     for template in ["planar.ron", "pick.ron"] {
         let skill = single_frame(skill(template));
-        let trained = learned(&skill, &turned_arcs(skill.manifold));
+        let trained = learned(&skill, &rotated_arcs(skill.manifold));
         assert!(trained.model.certificate.holds(), "{:?}", trained.model.certificate.failures);
         let names: Vec<_> = trained.model.frames.iter().map(|frame| &frame.name).collect();
         assert_eq!(names, ["end"]);
@@ -343,10 +343,10 @@ fn a_skill_of_one_frame_is_learned_and_holds() {
 #[test]
 fn the_thesis_skill_of_one_frame_is_its_own_product() {
     for skill in [unexamined("planar_thesis.ron"), pick_thesis()].map(single_frame) {
-        let model = learned(&skill, &turned_arcs(skill.manifold)).model;
+        let model = learned(&skill, &rotated_arcs(skill.manifold)).model;
         assert_eq!(model.frames.len(), 1);
-        let turn = motion(skill.manifold, DVec3::new(0.3, -0.2, 0.4), DVec3::new(0.5, 1.0, -0.8));
-        assert_policy_moved(&skill, [&model, &model], &turn, 1e-9, 1);
+        let by = motion(skill.manifold, DVec3::new(0.3, -0.2, 0.4), DVec3::new(0.5, 1.0, -0.8));
+        assert_policy_moved(&skill, [&model, &model], &by, 1e-9, 1);
         // At the mean of the last Gaussian the potential of a lone product has its least value.
         let block = &model.certificate.blocks[0];
         assert!(
@@ -358,13 +358,13 @@ fn the_thesis_skill_of_one_frame_is_its_own_product() {
 
 /// Arcs with a third frame that lies differently in each.
 fn arcs_with_a_box(manifold: Manifold) -> Vec<Demonstration> {
-    let mut shown = arcs(manifold);
-    for (i, demonstration) in shown.iter_mut().enumerate() {
+    let mut demonstrated = arcs(manifold);
+    for (i, demonstration) in demonstrated.iter_mut().enumerate() {
         let away = DVec3::new(0.3, -0.2, 0.05) + DVec3::new(0.03, 0.05, 0.02) * i as f64;
         let by = motion(manifold, away, DVec3::new(0.0, 0.0, 0.3 * i as f64));
         demonstration.other_frames.insert("box".into(), by);
     }
-    shown
+    demonstrated
 }
 
 #[test]
@@ -376,15 +376,15 @@ fn a_third_frame_is_learned_from_too() {
         pick_thesis(),
     ] {
         let skill = Skill { other_frames: vec!["box".into()], ..two };
-        let shown = arcs_with_a_box(skill.manifold);
-        let model = learned(&skill, &shown).model;
+        let demonstrated = arcs_with_a_box(skill.manifold);
+        let model = learned(&skill, &demonstrated).model;
         let names: Vec<_> = model.frames.iter().map(|frame| frame.name.as_str()).collect();
         assert_eq!(names, ["start", "end", "box"]);
 
         // The mean of a mixture is that of its samples, here as the box sees them.
-        let set = canonicalise(&skill, &shown).unwrap();
+        let set = canonicalise(&skill, &demonstrated).unwrap();
         let (mut sum, mut count) = (DVec3::ZERO, 0.0);
-        for (demonstration, moving) in shown.iter().zip(&set.demonstrations) {
+        for (demonstration, moving) in demonstrated.iter().zip(&set.demonstrations) {
             let moving = &demonstration.poses[moving.rest..][..moving.position.points.len()];
             let seen = demonstration.other_frames["box"].inverse();
             sum += moving.iter().map(|pose| seen.compose(pose).position).sum::<DVec3>();
@@ -399,11 +399,11 @@ fn a_third_frame_is_learned_from_too() {
 
         // A product of Gaussians follows the box; the canonical policy leaves out a frame in which the
         // demonstrations agree no better than in start and goal frame.
-        let frames = skill.frames(&shown[1]);
+        let frames = skill.frames(&demonstrated[1]);
         let mut displaced = frames.clone();
         displaced[2].position.y += 0.1;
         let at = |frames: &[Pose]| {
-            acceleration(&model, frames, &shown[1].poses[70], [DVec3::ZERO; 2])[0]
+            acceleration(&model, frames, &demonstrated[1].poses[70], [DVec3::ZERO; 2])[0]
         };
         let change = (at(&displaced) - at(&frames)).length();
         assert_eq!(change > 1e-3, is_thesis(&skill), "{change}");
@@ -411,10 +411,10 @@ fn a_third_frame_is_learned_from_too() {
     }
 }
 
-/// Ways from start to goal through the middle of a box that stands elsewhere, and turned, each time.
-fn ways_through_a_box(manifold: Manifold) -> Vec<Demonstration> {
-    let mut shown = arcs(manifold);
-    for (i, demonstration) in shown.iter_mut().enumerate() {
+/// Paths from start to goal through the middle of a box that stands elsewhere, and rotated, each time.
+fn paths_through_a_box(manifold: Manifold) -> Vec<Demonstration> {
+    let mut demonstrated = arcs(manifold);
+    for (i, demonstration) in demonstrated.iter_mut().enumerate() {
         let aside =
             [DVec3::new(-0.1, 0.25, 0.1), DVec3::new(0.05, 0.1, 0.2), DVec3::new(0.0, 0.4, 0.15)];
         let middle = demonstration.start.position.lerp(demonstration.goal_frame.position, 0.5);
@@ -428,26 +428,27 @@ fn ways_through_a_box(manifold: Manifold) -> Vec<Demonstration> {
         }
         demonstration.other_frames.insert("box".into(), by);
     }
-    shown
+    demonstrated
 }
 
 #[test]
-fn a_frame_on_the_way_is_passed_wherever_it_is() {
+fn a_frame_on_the_path_is_passed_wherever_it_is() {
     for two in [skill("planar.ron"), skill("pick.ron")] {
         let skill = Skill { other_frames: vec!["box".into()], ..two };
-        let shown = ways_through_a_box(skill.manifold);
-        let model = learned(&skill, &shown).model;
+        let demonstrated = paths_through_a_box(skill.manifold);
+        let model = learned(&skill, &demonstrated).model;
         assert!(model.certificate.holds(), "{:?}", model.certificate.failures);
-        let [way] = &model.canonical.waypoints[..] else { panic!("one frame on the way") };
-        assert!(way.frame == "box" && (way.phase - 0.5).abs() < 0.1, "{way:?}");
-        let apart = (Pose::from(way.pose).position - DVec3::from_array(way.point_m)).length();
+        let [waypoint] = &model.canonical.waypoints[..] else { panic!("one frame on the path") };
+        assert!(waypoint.frame == "box" && (waypoint.phase - 0.5).abs() < 0.1, "{waypoint:?}");
+        let apart =
+            (Pose::from(waypoint.pose).position - DVec3::from_array(waypoint.point_m)).length();
         assert!(apart < 0.015, "{apart}");
 
         let policy = LearnedPolicy::new(&model).unwrap();
         for aside in [DVec3::ZERO, DVec3::new(0.2, -0.1, 0.0), DVec3::new(-0.1, 0.3, 0.0)] {
-            let mut frames: Vec<_> = skill.frames(&shown[0]);
+            let mut frames: Vec<_> = skill.frames(&demonstrated[0]);
             frames[2].position += aside;
-            let start = shown[0].poses[0];
+            let start = demonstrated[0].poses[0];
             let target = Target { goal: goal(&model, &frames), arrived: None };
             let spec = from_rest(skill.manifold, start, 1e-2, 1000);
             let (mut policy, still) = (policy.instance(), at_rest(&frames));
@@ -464,30 +465,33 @@ fn a_frame_on_the_way_is_passed_wherever_it_is() {
 fn frames_that_are_fixed_to_each_other_are_warned_of_by_name() {
     let mut skill = unexamined("planar.ron");
     skill.other_frames = vec!["box".into(), "lid".into()];
-    let mut shown = arcs_with_a_box(Manifold::R2);
-    for demonstration in &mut shown {
+    let mut demonstrated = arcs_with_a_box(Manifold::R2);
+    for demonstration in &mut demonstrated {
         let lid = demonstration.start.compose(&Pose {
             position: DVec3::new(0.1, 0.2, 0.0),
             orientation: DQuat::from_rotation_z(0.7),
         });
         demonstration.other_frames.insert("lid".into(), lid);
     }
-    let told = uninformative_frames(&skill, &shown);
-    assert_eq!(told.len(), 1, "{told:?}");
-    assert!(told[0].contains("`start` and `lid`") && told[0].contains("all 3"), "{told:?}");
-    let warnings = learned(&skill, &shown).warnings;
-    assert!(warnings.contains(&told[0]), "{warnings:?}");
+    let warned = uninformative_frames(&skill, &demonstrated);
+    assert_eq!(warned.len(), 1, "{warned:?}");
+    assert!(warned[0].contains("`start` and `lid`") && warned[0].contains("all 3"), "{warned:?}");
+    let warnings = learned(&skill, &demonstrated).warnings;
+    assert!(warnings.contains(&warned[0]), "{warnings:?}");
 
-    // A turn of the lid by a hundredth, in one demonstration, tells the two apart.
-    let lid = shown[2].other_frames.get_mut("lid").unwrap();
+    // A rotation of the lid by a hundredth, in one demonstration, keeps the two apart.
+    let lid = demonstrated[2].other_frames.get_mut("lid").unwrap();
     lid.orientation = DQuat::from_rotation_z(0.01) * lid.orientation;
-    assert_eq!(uninformative_frames(&skill, &shown), Vec::<String>::new());
+    assert_eq!(uninformative_frames(&skill, &demonstrated), Vec::<String>::new());
 
     // All frames, and a single demonstration, in which nothing differs.
-    let told = uninformative_frames(&skill, &shown[..1]);
-    assert_eq!(told.len(), 1, "{told:?}");
+    let warned = uninformative_frames(&skill, &demonstrated[..1]);
+    assert_eq!(warned.len(), 1, "{warned:?}");
     for part in ["`start` and `end` and `box` and `lid`", "only demonstration", "1/4"] {
-        assert!(told[0].contains(part), "{told:?}");
+        assert!(warned[0].contains(part), "{warned:?}");
     }
-    assert_eq!(uninformative_frames(&single_frame(unexamined("planar.ron")), &shown).len(), 0);
+    assert_eq!(
+        uninformative_frames(&single_frame(unexamined("planar.ron")), &demonstrated).len(),
+        0
+    );
 }

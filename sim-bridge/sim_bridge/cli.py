@@ -80,7 +80,7 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--instance",
         default="default",
-        help="name this bridge and its controller share (default: %(default)s)",
+        help="name that this bridge and its controller use (default: %(default)s)",
     )
     parser.add_argument(
         "--lockstep",

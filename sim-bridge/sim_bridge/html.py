@@ -1,4 +1,4 @@
-"""What the pages of this package share: one HTML file each, with everything in it."""
+"""What the pages of this package have in common: one HTML file each, with everything in it."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ _PORT_ERRORS = (
 
 
 class Instance:
-    """One running system: a robot, its publisher and its controller share an instance name.
+    """One running system: a robot, its publisher and its controller have one instance name.
 
     Its files are `/dev/shm/tprmp_<name>_*` and the folder `/tmp/tprmp-<user id>/<name>/`,
     readable and writable by this user only.

@@ -1,4 +1,4 @@
-"""What the tests share."""
+"""What several tests use."""
 
 import json
 import os

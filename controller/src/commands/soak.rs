@@ -208,7 +208,7 @@ impl Soak {
             .stderr(log)
             .spawn();
         let program = program.display().to_string();
-        Ok(child.map_err(|source| SoakError::Start { program, source })?)
+        child.map_err(|source| SoakError::Start { program, source })
     }
 
     fn start_publisher(&self, seed: u64) -> Result<Child, SoakError> {

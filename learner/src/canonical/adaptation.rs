@@ -15,7 +15,7 @@ use std::array::from_fn;
 use glam::DVec3;
 use nalgebra::{DMatrix, DVector};
 use tprmp_rmpflow::policy::canonical::adaptation::{
-    Adaptation, Bend, COORDINATES, SPLINES, splines,
+    Adaptation, COORDINATES, Coefficients, SPLINES, splines,
 };
 use tprmp_spatial::jet::Vec3;
 
@@ -80,7 +80,7 @@ pub fn learn(
         })
         .collect();
     let values: Vec<[f64; SPLINES]> = phases.iter().map(|phase| spline_values(*phase)).collect();
-    let mut bends = [[[0.0; COORDINATES]; COORDINATES]; SPLINES];
+    let mut coefficients = [[[0.0; COORDINATES]; COORDINATES]; SPLINES];
     let (mut squared, mut adapts) = (0.0, false);
     for block in 0..2 {
         let paths: Vec<Vec<DVec3>> =
@@ -106,10 +106,10 @@ pub fn learn(
         if let Some((parts, ridge)) = best.1 {
             adapts = true;
             let regression = Regression::new(&shifts, &paths, &values, parts);
-            regression.write(ridge, block, scales[block], &mut bends);
+            regression.write(ridge, block, scales[block], &mut coefficients);
         }
     }
-    let adaptation = adapts.then_some(Adaptation { reach, bends });
+    let adaptation = adapts.then_some(Adaptation { reach, coefficients });
     Learned { adaptation, error: squared.sqrt() }
 }
 
@@ -214,7 +214,7 @@ impl<'a> Regression<'a> {
             let solution = self.solve(&others, ridge);
             let away = &self.inputs[i] - &solution.input;
             // Σ_a W_{a j} (u − ū)_a for each j.
-            let coefficients: Vec<DVec3> = (0..SPLINES)
+            let shifted: Vec<DVec3> = (0..SPLINES)
                 .map(|j| {
                     let entry = |c: usize| -> f64 {
                         (0..away.len())
@@ -226,7 +226,7 @@ impl<'a> Regression<'a> {
                 .collect();
             for (step, y) in path.iter().enumerate() {
                 let mean = others.iter().map(|k| self.paths[*k][step]).sum::<DVec3>();
-                let adapted = coefficients.iter().zip(self.values[step]).map(|(e, b)| *e * b);
+                let adapted = shifted.iter().zip(self.values[step]).map(|(e, b)| *e * b);
                 let adapted: DVec3 = adapted.sum();
                 sum += (*y - mean / others.len() as f64 - adapted).length_squared();
             }
@@ -235,9 +235,15 @@ impl<'a> Regression<'a> {
     }
 
     /// Writes the regression on all demonstrations into the rows of a block.
-    fn write(&self, ridge: f64, block: usize, scale: f64, bends: &mut [Bend; SPLINES]) {
+    fn write(
+        &self,
+        ridge: f64,
+        block: usize,
+        scale: f64,
+        coefficients: &mut [Coefficients; SPLINES],
+    ) {
         let solution = self.solve(&self.others(None), ridge);
-        for (j, matrix) in bends.iter_mut().enumerate() {
+        for (j, matrix) in coefficients.iter_mut().enumerate() {
             for (k, part) in self.parts.iter().enumerate() {
                 for a in 0..3 {
                     let row = (3 * k + a) * SPLINES + j;
@@ -300,9 +306,18 @@ mod tests {
         let (at, phase) = (SPLINES / 2, 0.5);
         let value = splines(phase).1[1][0];
         assert!(value > 0.6, "the middle one of the splines");
-        let slope = adaptation.bends[at][1][0] / adaptation.reach[0];
+        let slope = adaptation.coefficients[at][1][0] / adaptation.reach[0];
         assert!((-1.1..-0.6).contains(&slope), "{slope}");
-        assert!(adaptation.bends.iter().flatten().skip(3).step_by(6).flatten().all(|x| *x == 0.0));
+        assert!(
+            adaptation
+                .coefficients
+                .iter()
+                .flatten()
+                .skip(3)
+                .step_by(6)
+                .flatten()
+                .all(|x| *x == 0.0)
+        );
         assert_eq!(adaptation.reach[1], 0.0);
     }
 

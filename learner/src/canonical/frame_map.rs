@@ -18,7 +18,7 @@ use crate::demonstration::diagonal;
 use crate::skill::{FitSettings, FrameMapSettings, Skill};
 
 /// A demonstration without its rest: its frames in the order of the skill, and its poses.
-pub struct Moving<'a> {
+pub(crate) struct Moving<'a> {
     /// Frames, in the order of the skill.
     pub frames: Vec<Pose>,
     /// Poses of the tool.
@@ -27,7 +27,7 @@ pub struct Moving<'a> {
 
 impl Moving<'_> {
     /// Its frames, ready to map with.
-    pub fn transforms(&self, map: &FrameMap) -> FrameTransforms {
+    pub(crate) fn transforms(&self, map: &FrameMap) -> FrameTransforms {
         map.transforms(&self.at_rest()).expect("a demonstration has the skill's frames")
     }
 
@@ -52,7 +52,7 @@ impl Moving<'_> {
 ///
 /// # Errors
 /// [`FrameMapError`]: the frames do not span a map.
-pub fn choose(
+pub(crate) fn choose(
     skill: &Skill,
     mean: &MeanFrames,
     moving: &[Moving],

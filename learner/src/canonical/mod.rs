@@ -11,7 +11,7 @@ pub mod phase_profile;
 pub mod savitzky_golay;
 
 pub use coordinates::{
-    CanonicalDemonstration, CanonicalSet, canonical_path, canonicalise, prepared,
+    ANGLE_MAX_RAD, CanonicalDemonstration, CanonicalSet, canonical_path, canonicalise, prepared,
 };
 pub use means::{mean_goal, mean_pose};
 pub use motion::{DemonstrationError, moving_ranges};

@@ -2,7 +2,9 @@
 
 mod blocks;
 mod certifier;
+mod failures;
 pub mod policy;
 pub mod rollout;
+mod starts;
 
 pub use certifier::Certifier;

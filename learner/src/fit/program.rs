@@ -43,7 +43,7 @@ const HESSIAN_STEP: f64 = 1e-4;
 type Solved = (Vec<f64>, ProgramStatus, u32);
 
 /// The program of one field.
-pub struct FieldProgram<'a, const N: usize> {
+pub(crate) struct FieldProgram<'a, const N: usize> {
     name: Program,
     shape: &'a Shape<N>,
     settings: &'a FieldSettings,
@@ -96,7 +96,7 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
     const START_HOLD: usize = N + Shape::<N>::TRIANGLE;
 
     /// A program that compares with `targets`, and has a constraint at each of `descents`.
-    pub fn new(
+    pub(crate) fn new(
         name: Program,
         shape: &'a Shape<N>,
         targets: &[Target<N>],
@@ -132,7 +132,7 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
     }
 
     /// Adds a descent constraint; `weight` is relative to that of a checked point.
-    pub fn constrain(&mut self, descent: &Descent<N>, weight: f64) {
+    pub(crate) fn constrain(&mut self, descent: &Descent<N>, weight: f64) {
         let damping = self.settings.damping_1_s;
         let metric = self.shape.bare().evaluate(&descent.point, &SVector::zeros()).metric;
         let direction = inverse_metric(&metric) * descent.direction;
@@ -151,7 +151,7 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
     ///
     /// # Errors
     /// [`NotSolved`] when the solver finds no solution.
-    pub fn solve(&mut self) -> Result<Solved, NotSolved> {
+    pub(crate) fn solve(&mut self) -> Result<Solved, NotSolved> {
         let mut iterations = 0;
         loop {
             let (p, status, more) = self.solve_working()?;
@@ -242,7 +242,7 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
     ///
     /// # Panics
     /// When the parameters do not span every gradient at the goal, which S_G always does.
-    pub fn bring_goal_to_rest(&self, p: &mut [f64]) {
+    pub(crate) fn bring_goal_to_rest(&self, p: &mut [f64]) {
         let columns = &self.goal_gradient;
         let scaled = |j: usize| columns[j] / (self.weights[j] * self.weights[j]);
         let mut gram = SMatrix::<f64, N, N>::zeros();
@@ -261,7 +261,7 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
     }
 
     /// What is known of a solution.
-    pub fn figures(&self, p: &[f64], status: ProgramStatus, iterations: u32) -> ProgramFit {
+    pub(crate) fn figures(&self, p: &[f64], status: ProgramStatus, iterations: u32) -> ProgramFit {
         let residual = self.residual.at(p);
         let slopes: Vec<f64> = self.descents.iter().map(|descent| descent.slope(p)).collect();
         let violations: Vec<f64> = std::iter::zip(&slopes, &self.descents)

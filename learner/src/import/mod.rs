@@ -1,4 +1,4 @@
-//! Imports demonstrations of other formats, told apart by their extension:
+//! Imports demonstrations of other formats. The extension decides which one it is:
 //!
 //! * `.json` the layout of the thesis' reference data (`thesis.rs`),
 //! * `.csv` a table, with its frames beside it in `<name>.frames.json` (`table.rs`),

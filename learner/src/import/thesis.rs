@@ -70,10 +70,10 @@ pub(super) fn read(
         .map_err(|(key, problem)| FileError::input(path, format!("key `{key}`"), problem))
 }
 
-/// A key that is wrong, and what was expected.
-type Refusal = (String, String);
+/// The key that is wrong, and what was expected.
+type Wrong = (String, String);
 
-fn recordings(file: &Foreign, selection: &Selection) -> Result<Vec<Recording>, Refusal> {
+fn recordings(file: &Foreign, selection: &Selection) -> Result<Vec<Recording>, Wrong> {
     let fail = |key: &str, problem: String| Err((key.to_owned(), problem));
     let manifold = match file.manifold.as_str() {
         "R2" => Manifold::R2,
@@ -122,7 +122,7 @@ fn recording(
     manifold: Manifold,
     dt: f64,
     with_reference_frames: bool,
-) -> Result<Recording, Refusal> {
+) -> Result<Recording, Wrong> {
     let (frames_key, frames) = match &foreign.reference_frames {
         Some(reference) if with_reference_frames && !reference.is_empty() => {
             ("reference_frames", reference)

@@ -8,7 +8,7 @@ use crate::mixture::view::WEIGHT_FLOOR;
 
 /// Probability of staying in each state, from how long the states last: two samples at least.
 #[must_use]
-pub fn stays(responsibilities: &DMatrix<f64>, sequences: usize) -> Vec<f64> {
+pub(crate) fn stays(responsibilities: &DMatrix<f64>, sequences: usize) -> Vec<f64> {
     let stay = |sum: f64| 1.0 - (sequences as f64 / sum.max(WEIGHT_FLOOR)).min(0.5);
     responsibilities.column_iter().map(|weights| stay(weights.sum())).collect()
 }
@@ -16,7 +16,7 @@ pub fn stays(responsibilities: &DMatrix<f64>, sequences: usize) -> Vec<f64> {
 /// Forward–backward in logarithms, and the re-estimated probabilities of staying
 /// [Rabiner 1989, eq. 19–27, 37–40]. A demonstration starts in the first state. Returns the
 /// log-likelihood of all samples.
-pub fn expectation(
+pub(crate) fn expectation(
     densities: &DMatrix<f64>,
     sequences: &[Range<usize>],
     stays: &mut [f64],

@@ -13,7 +13,7 @@ use crate::canonical::means::mean_orientation;
 /// Most coordinates of a view: time, position, rotation.
 const DIMENSION_MAX: usize = 7;
 /// A component without samples must not divide by zero.
-pub const WEIGHT_FLOOR: f64 = 1e-9;
+pub(crate) const WEIGHT_FLOOR: f64 = 1e-9;
 
 /// The samples in one coordinate system.
 #[derive(Clone, Debug)]

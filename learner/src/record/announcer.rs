@@ -1,4 +1,4 @@
-//! What people are told of a session, on standard error.
+//! Reports on standard error what a session waits for.
 
 use std::io::Write;
 use std::time::{Duration, Instant};

@@ -66,7 +66,7 @@ impl Folder {
 
     /// Gives the draft the next free name.
     fn name(&self) -> Result<PathBuf, FileError> {
-        let mut refusal = Errno::EXIST;
+        let mut failure = Errno::EXIST;
         for _ in 0..TRIES {
             let path = self.path.join(format!("{:02}.json", self.last_number()? + 1));
             match renameat_with(CWD, &self.draft, CWD, &path, RenameFlags::NOREPLACE) {
@@ -74,12 +74,12 @@ impl Folder {
                 // Somebody else was faster.
                 Err(Errno::EXIST) => {}
                 Err(other) => {
-                    refusal = other;
+                    failure = other;
                     break;
                 }
             }
         }
-        Err(FileError::Write { path: self.path.clone(), source: refusal.into() })
+        Err(FileError::Write { path: self.path.clone(), source: failure.into() })
     }
 
     /// The greatest number that is the name of a JSON file, 0 without one.

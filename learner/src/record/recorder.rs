@@ -307,11 +307,11 @@ mod tests {
         }
 
         fn refusals(&self) -> Vec<&str> {
-            let refusal = |event| match event {
+            let reason = |event| match event {
                 &Event::Refused(ref why) => Some(why.as_str()),
                 _ => None,
             };
-            self.events.iter().filter_map(refusal).collect()
+            self.events.iter().filter_map(reason).collect()
         }
     }
 

@@ -45,6 +45,7 @@ pub struct Skill {
 
 /// Which policy is fitted.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "a skill has one of them")]
 pub enum FitSettings {
     /// One field in canonical coordinates, on which frames act as a map of the space.
     Canonical(FieldSettings),

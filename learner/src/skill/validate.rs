@@ -17,14 +17,14 @@ type Wrong = (&'static str, String);
 
 /// Values of a section with their keys.
 macro_rules! keys {
-    ($section:literal, $of:expr, $($key:ident),+ $(,)?) => {
+    ($section:literal $of:expr => $($key:ident)+) => {
         [$((concat!($section, ".", stringify!($key)), $of.$key)),+]
     };
 }
 
 /// Counts of a section with their keys and ranges.
 macro_rules! counts {
-    ($section:literal, $of:expr, $($key:ident in $least:literal ..= $most:expr),+ $(,)?) => {
+    ($section:literal $of:expr => $($key:ident in $least:literal ..= $most:expr),+) => {
         [$((concat!($section, ".", stringify!($key)), $of.$key as usize, $least, $most)),+]
     };
 }
@@ -33,7 +33,7 @@ macro_rules! counts {
 ///
 /// # Errors
 /// The first that is outside its range.
-pub fn validate(skill: &Skill) -> Result<(), Wrong> {
+pub(crate) fn validate(skill: &Skill) -> Result<(), Wrong> {
     validate_names(skill)?;
     validate_positive(skill)?;
     validate_ranges(skill)?;
@@ -72,106 +72,68 @@ fn validate_names(skill: &Skill) -> Result<(), Wrong> {
 
 fn validate_positive(skill: &Skill) -> Result<(), Wrong> {
     let mut positive = Vec::new();
-    positive.extend(keys!("smoothing", skill.smoothing, window_s, rest_speed_fraction));
-    positive.extend(keys!(
-        "scale",
-        skill.scale,
-        span,
-        position_span_min_m,
-        orientation_span_min_rad
-    ));
-    positive.extend(keys!("mixture", skill.mixture, regularisation, covariance_scale));
-    positive.extend(keys!(
-        "certification",
-        skill.certification,
-        horizon_s,
-        demonstration_step_s,
-        step_s,
-        random_start_radius,
-        goal_tolerance_m,
-        goal_tolerance_rad,
-        goal_gradient_max,
-    ));
+    positive.extend(keys! { "smoothing" skill.smoothing => window_s rest_speed_fraction });
+    positive.extend(keys! {
+        "scale" skill.scale => span position_span_min_m orientation_span_min_rad
+    });
+    positive.extend(keys! { "mixture" skill.mixture => regularisation covariance_scale });
+    positive.extend(keys! {
+        "certification" skill.certification =>
+        horizon_s demonstration_step_s step_s random_start_radius goal_tolerance_m goal_tolerance_rad
+        goal_gradient_max
+    });
     match &skill.fit {
         FitSettings::Canonical(fit) => {
-            positive.extend(keys!(
-                "fit",
-                fit,
-                damping_1_s,
-                catch_up_ratio,
-                activation_width,
-                phase_overlap,
-                phase_weight,
-                metric_scale,
-                tube_weight,
-                tube_attraction_1_s,
-                tube_speed_min,
-                descent_weight,
-                descent_speed,
-                descent_slowdown,
-                descent_attraction,
-                descent_goal_radius,
-                descent_radius,
-                descent_phase_radius,
-                refinement_weight,
-                refinement_radius,
-                stiffness_min_1_s2,
-                goal_hessian_min_1_s2,
-                regularisation,
-                regularisation_length,
-            ));
+            positive.extend(keys! {
+                "fit" fit =>
+                damping_1_s catch_up_ratio activation_width phase_overlap phase_weight metric_scale
+                tube_weight tube_attraction_1_s tube_speed_min
+                descent_weight descent_speed descent_slowdown descent_attraction descent_goal_radius
+                descent_radius descent_phase_radius refinement_weight refinement_radius
+                stiffness_min_1_s2 goal_hessian_min_1_s2 regularisation regularisation_length
+            });
             positive.extend(fit.tube_offsets.iter().map(|x| ("fit.tube_offsets", *x)));
             let ridges = fit.adaptation.ridges.iter();
             positive.extend(ridges.map(|ridge| ("fit.adaptation.ridges", *ridge)));
         }
         FitSettings::Thesis(fit) => {
-            positive.extend(keys!("fit", fit, metric_scale, huber_threshold, damping_min));
+            positive.extend(keys! { "fit" fit => metric_scale huber_threshold damping_min });
         }
     }
     if let Some(kaiser) = skill.fit.kaiser_smoothing() {
-        positive.extend(keys!("fit.kaiser_smoothing", kaiser, window_s, shape));
+        positive.extend(keys! { "fit.kaiser_smoothing" kaiser => window_s shape });
     }
     check(positive, |x| x > 0.0, "a positive number")
 }
 
 fn validate_ranges(skill: &Skill) -> Result<(), Wrong> {
     let certification = &skill.certification;
-    let mut not_negative = keys!(
-        "certification",
-        certification,
-        frame_translation_fraction,
-        frame_rotation_rad,
-        energy_rise_max
-    )
+    let mut not_negative = keys! {
+        "certification" certification =>
+        frame_translation_fraction frame_rotation_rad energy_rise_max
+    }
     .to_vec();
-    let mut fractions = keys!(
-        "frame_map",
-        skill.frame_map,
-        upright_error_fraction_max,
-        change_spread_fraction_max,
-        change_phase_min,
-        agreement_fraction_max,
-        agreement_floor_fraction
-    )
+    let mut fractions = keys! {
+        "frame_map" skill.frame_map =>
+        upright_error_fraction_max change_spread_fraction_max change_phase_min
+        agreement_fraction_max agreement_floor_fraction
+    }
     .to_vec();
-    fractions.extend(keys!("certification", certification, arrival_fraction));
+    fractions.extend(keys! { "certification" certification => arrival_fraction });
     match &skill.fit {
         FitSettings::Canonical(fit) => {
-            not_negative.extend(keys!("fit", fit, descent_goal_distance_min));
-            not_negative.extend(keys!("fit.adaptation", fit.adaptation, shift_min));
-            fractions.extend(keys!("fit", fit, tube_clearance_fraction));
-            fractions.extend(keys!(
-                "fit.adaptation",
-                fit.adaptation,
-                error_fraction_max,
-                end_spread_fraction_max
-            ));
+            not_negative.extend(keys! { "fit" fit => descent_goal_distance_min });
+            not_negative.extend(keys! { "fit.adaptation" fit.adaptation => shift_min });
+            fractions.extend(keys! { "fit" fit => tube_clearance_fraction });
+            fractions.extend(keys! {
+                "fit.adaptation" fit.adaptation => error_fraction_max end_spread_fraction_max
+            });
         }
-        FitSettings::Thesis(fit) => fractions.extend(keys!("fit", fit, speed_fraction_min)),
+        FitSettings::Thesis(fit) => fractions.extend(keys! { "fit" fit => speed_fraction_min }),
     }
     check(not_negative, |x| x >= 0.0, "a number from zero on")?;
     check(fractions, |x| (0.0..=1.0).contains(&x), "a fraction from 0 to 1")?;
-    let rest = keys!("smoothing", skill.smoothing, rest_speed_fraction);
+    let rest = keys! { "smoothing" skill.smoothing => rest_speed_fraction };
     check(rest, |x| x < 0.5, "a fraction below 0.5")?;
     let shape = skill.fit.kaiser_smoothing().map(|kaiser| kaiser.shape);
     let shape = shape.map(|shape| ("fit.kaiser_smoothing.shape", shape));
@@ -199,39 +161,28 @@ fn validate_ranges(skill: &Skill) -> Result<(), Wrong> {
 ///
 /// # Errors
 /// The first that is outside its range.
-pub fn validate_counts(skill: &Skill) -> Result<(), Wrong> {
+pub(crate) fn validate_counts(skill: &Skill) -> Result<(), Wrong> {
     let mut counts = Vec::new();
-    counts.extend(counts!("smoothing", skill.smoothing, degree in 2..=5));
-    counts.extend(counts!(
-        "mixture",
-        skill.mixture,
-        components in 1..=COMPONENT_CAPACITY - 1,
-        iterations in 1..=1000,
-    ));
-    counts.extend(counts!(
-        "frame_map",
-        skill.frame_map,
-        phases_compared in 2..=1000,
-        changes_compared in 2..=100,
-    ));
-    counts.extend(counts!(
-        "certification",
-        skill.certification,
-        random_starts in 0..=10_000,
-        displaced_starts in 0..=10_000,
-    ));
+    counts.extend(counts! { "smoothing" skill.smoothing => degree in 2..=5 });
+    counts.extend(counts! {
+        "mixture" skill.mixture =>
+        components in 1..=COMPONENT_CAPACITY - 1, iterations in 1..=1000
+    });
+    counts.extend(counts! {
+        "frame_map" skill.frame_map => phases_compared in 2..=1000, changes_compared in 2..=100
+    });
+    counts.extend(counts! {
+        "certification" skill.certification =>
+        random_starts in 0..=10_000, displaced_starts in 0..=10_000
+    });
     match &skill.fit {
-        FitSettings::Canonical(fit) => counts.extend(counts!(
-            "fit",
-            fit,
-            tube_stride in 1..=1000,
-            descent_stride in 1..=1000,
+        FitSettings::Canonical(fit) => counts.extend(counts! {
+            "fit" fit =>
+            tube_stride in 1..=1000, descent_stride in 1..=1000, stride_samples_min in 1..=1000,
             descent_points_random in 1..=10_000,
-            refinement_rounds_max in 0..=100,
-            refinement_points in 0..=1000,
-            stride_samples_min in 1..=1000,
-        )),
-        FitSettings::Thesis(fit) => counts.extend(counts!("fit", fit, stride in 1..=1000)),
+            refinement_rounds_max in 0..=100, refinement_points in 0..=1000
+        }),
+        FitSettings::Thesis(fit) => counts.extend(counts! { "fit" fit => stride in 1..=1000 }),
     }
     match counts.iter().find(|(_, count, least, most)| !(least..=most).contains(&count)) {
         None => Ok(()),

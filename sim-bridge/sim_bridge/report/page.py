@@ -120,7 +120,7 @@ def errors_caption(run: Run) -> str:
     """For the errors over time."""
     judged = run.judged
     if run.gripped_row is None:
-        return "The box was not gripped; the errors are shown up to the end of the run."
+        return "The box was not gripped; the errors are drawn up to the end of the run."
     return (
         f"The tool closes in on the box while the box moves. At the grip, after "
         f"{judged['gripped_at_s']:.2f} s, {judged['position_error_mm']:.2f} mm and "

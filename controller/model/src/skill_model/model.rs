@@ -180,7 +180,7 @@ pub struct Adaptation {
 impl From<&adaptation::Adaptation> for Adaptation {
     fn from(learned: &adaptation::Adaptation) -> Self {
         let [reach_m, reach_rad] = learned.reach;
-        Self { reach_m, reach_rad, coefficients: learned.bends.to_vec() }
+        Self { reach_m, reach_rad, coefficients: learned.coefficients.to_vec() }
     }
 }
 
@@ -188,8 +188,8 @@ impl Adaptation {
     /// As it is evaluated; `None` when it has not a matrix for each spline.
     #[must_use]
     pub fn evaluated(&self) -> Option<adaptation::Adaptation> {
-        let bends = self.coefficients.as_slice().try_into().ok()?;
-        Some(adaptation::Adaptation { reach: [self.reach_m, self.reach_rad], bends })
+        let coefficients = self.coefficients.as_slice().try_into().ok()?;
+        Some(adaptation::Adaptation { reach: [self.reach_m, self.reach_rad], coefficients })
     }
 }
 

@@ -33,7 +33,7 @@ const KNOTS: f64 = 1.0 / (SPLINES + 3) as f64;
 const REACH: f64 = 1.25;
 
 /// E_j: row by row, position before rotation, \[m or rad per unit of u\].
-pub type Bend = [[f64; COORDINATES]; COORDINATES];
+pub type Coefficients = [[f64; COORDINATES]; COORDINATES];
 
 /// How the path of a skill adapts to the shift of its goal. Immutable.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,7 +41,7 @@ pub struct Adaptation {
     /// ℓ_p \[m\] and ℓ_r \[rad\]; 0 where no shift was demonstrated: there it has no effect.
     pub reach: [f64; 2],
     /// E_j.
-    pub bends: [Bend; SPLINES],
+    pub coefficients: [Coefficients; SPLINES],
 }
 
 /// The B-splines that do not vanish at a phase: the index of the first one, which may be negative, and
@@ -105,10 +105,11 @@ impl Adaptation {
         let (low, weights) = splines(phase.value());
         let mut rows = [[[0.0; 3]; COORDINATES]; 3];
         for (j, weight) in (low..).zip(weights) {
-            let Some(bend) = usize::try_from(j).ok().and_then(|j| self.bends.get(j)) else {
+            let Some(matrix) = usize::try_from(j).ok().and_then(|j| self.coefficients.get(j))
+            else {
                 continue;
             };
-            for (row, of) in rows.iter_mut().zip(&bend[first..first + 3]) {
+            for (row, of) in rows.iter_mut().zip(&matrix[first..first + 3]) {
                 for (entry, e) in row.iter_mut().zip(of) {
                     for (sum, w) in entry.iter_mut().zip(weight) {
                         *sum += e * w;

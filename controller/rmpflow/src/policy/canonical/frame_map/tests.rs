@@ -36,10 +36,10 @@ fn maps() -> Vec<FrameMap> {
 /// Shifts by some millimetres and tenths of degrees.
 fn adaptation() -> Adaptation {
     let entry = |k: usize| 0.01 * (k as f64 * 1.37).sin();
-    let bends = core::array::from_fn(|j| {
+    let coefficients = core::array::from_fn(|j| {
         core::array::from_fn(|a| core::array::from_fn(|b| entry(36 * j + 6 * a + b)))
     });
-    Adaptation { reach: [0.3, 0.5], bends }
+    Adaptation { reach: [0.3, 0.5], coefficients }
 }
 
 /// A frame on a curve in time: its pose, and its exact motion by construction.
