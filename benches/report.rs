@@ -204,7 +204,7 @@ fn deadlines(page: &mut Page, rows: &[&Value]) {
         let all = !own.iter().any(|row| row["rate_hz"] == DRAWN_HZ);
         let drawn = own.iter().filter(|row| all || row["rate_hz"] == DRAWN_HZ);
         let pictures = drawn.flat_map(|row| {
-            let title = format!("{} Hz, {}", row["rate_hz"], text(row, "load"));
+            let title = text(row, "name");
             let series = [
                 ("wake-up", "wake_up"),
                 ("cyclictest", "cyclictest"),
@@ -212,7 +212,7 @@ fn deadlines(page: &mut Page, rows: &[&Value]) {
                 ("publishing", "publishing"),
             ];
             let series = series.map(|(label, key)| (label, histogram(row, key)));
-            [histograms(&title, &series), slowest(&title, row)]
+            [histograms(title, &series), slowest(title, row)]
         });
         page.pictures(&pictures.flatten().collect::<Vec<_>>());
     }

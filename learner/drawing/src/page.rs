@@ -6,7 +6,7 @@ use crate::text::escape;
 /// Style sheet of every page.
 const STYLE: &str = "
 body { font: 15px/1.5 'Helvetica Neue', Helvetica, Arial, 'Liberation Sans', sans-serif;
-  background: #f1f4f6; margin: 24px auto; max-width: 1480px; padding: 0 16px; }
+  background: #f1f4f6; margin: 24px auto; max-width: 1860px; padding: 0 16px; }
 h2 { margin-top: 40px; } h3 { margin: 26px 0 8px; }
 p, details { max-width: 100ch; }
 .wide { overflow-x: auto; }
