@@ -23,7 +23,7 @@ use tprmp_model::skill_model::{self, FieldModel, SkillModel};
 use tprmp_rmpflow::leaves::Obstacle;
 use tprmp_rmpflow::natural::Natural;
 use tprmp_rmpflow::policy::SkillPolicy;
-use tprmp_rmpflow::policy::thesis::product_skill::ProductSkill;
+use tprmp_rmpflow::policy::thesis::ThesisPolicy;
 use tprmp_robot::{
     Chain, ControlPoint, ControlPoints, Kinematics, forward_kinematics,
     forward_kinematics_with_velocity, inverse_dynamics, point_position,
@@ -232,7 +232,7 @@ fn with_product(skill: &SkillPolicy, components: usize, frames: usize) -> SkillP
         component
     });
     let (scale, threshold) = (product.metric_scale(), product.huber_threshold());
-    let product = ProductSkill::new(chosen.collect(), scale, threshold);
+    let product = ThesisPolicy::new(chosen.collect(), scale, threshold);
     SkillPolicy::Pose(product.expect("what was a skill is one"))
 }
 

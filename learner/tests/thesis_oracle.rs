@@ -7,10 +7,9 @@ use serde::Deserialize;
 use tprmp_learner::fit::thesis::{Demonstrated, Sample, fit_damping, fit_potential};
 use tprmp_learner::skill::{DampingTarget, ThesisSettings};
 use tprmp_model::skill_model::{
-    FrameGaussian, FrameMixture, ProgramStatus, ThesisModel, product_skill,
+    FrameGaussian, FrameMixture, ProgramStatus, ThesisModel, thesis_policy,
 };
-use tprmp_rmpflow::policy::thesis::gaussian_field::GaussianField;
-use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
+use tprmp_rmpflow::policy::thesis::{GaussianField, ThesisState};
 use tprmp_spatial::{MovingPose, Pose};
 
 type Vector = [f64; 2];
@@ -111,7 +110,7 @@ impl Oracle {
             potentials: potentials.to_vec(),
             damping: vec![1.0; potentials.len()],
         };
-        let skill = product_skill::<2>(&frames, &thesis).unwrap();
+        let policy = thesis_policy::<2>(&frames, &thesis).unwrap();
         let at = |frame: &Frame| {
             let [x, y] = frame.origin_m;
             MovingPose::at_rest(Pose {
@@ -119,8 +118,8 @@ impl Oracle {
                 orientation: DQuat::from_rotation_z(frame.angle_rad),
             })
         };
-        let mut state = ProductState::new();
-        skill.update(&demonstration.frames.iter().map(at).collect::<Vec<_>>(), &mut state);
+        let mut state = ThesisState::default();
+        policy.update(&demonstration.frames.iter().map(at).collect::<Vec<_>>(), &mut state);
         state.field().unwrap().clone()
     }
 
@@ -153,10 +152,10 @@ fn products_of_gaussians_agree_with_eq_3_6() {
     let oracle = Oracle::read();
     for demonstration in &oracle.demonstrations {
         let field = oracle.field(demonstration, &oracle.potentials);
-        for (k, component) in field.components().enumerate() {
-            assert!((component.mean - Vector2::from(demonstration.means[k])).norm() < 1e-12);
+        for (k, (mean, precision)) in field.components().enumerate() {
+            assert!((mean - Vector2::from(demonstration.means[k])).norm() < 1e-12);
             let expected = matrix(&demonstration.precisions[k]);
-            assert!((component.precision - expected).norm() < 1e-10 * expected.norm());
+            assert!((precision - expected).norm() < 1e-10 * expected.norm());
         }
     }
 }
@@ -169,8 +168,9 @@ fn the_field_agrees_with_eq_4_5_to_4_14() {
         for probe in &demonstration.probes {
             let (point, velocity) = (Vector2::from(probe.point), Vector2::from(probe.velocity));
             let value = field.evaluate(&point, &velocity);
-            let weights = &field.weights(&point)[..probe.weights.len()];
-            assert_near(weights, &probe.weights, 1e-10);
+            let terms = &field.terms(&point)[..probe.weights.len()];
+            let weights: Vec<_> = terms.iter().map(|term| term.weight).collect();
+            assert_near(&weights, &probe.weights, 1e-10);
             assert!((value.potential - probe.potential).abs() < 1e-10 * probe.potential.abs());
             assert_near(value.gradient.as_slice(), &probe.gradient, 1e-9);
             let metric = matrix(&probe.metric);

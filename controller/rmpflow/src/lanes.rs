@@ -124,6 +124,50 @@ pub(crate) fn splat_all<L: Lanes, const D: usize>(values: &[f64; D]) -> [L; D] {
     lanes
 }
 
+/// Four numbers from memory for each entry.
+#[inline(always)]
+pub(crate) fn load_all<L: Lanes, const D: usize>(values: &[Quad; D]) -> [L; D] {
+    let mut lanes = [L::zero(); D];
+    for i in 0..D {
+        lanes[i] = L::load(&values[i]);
+    }
+    lanes
+}
+
+/// Four numbers to memory for each entry.
+#[inline(always)]
+pub(crate) fn store_all<L: Lanes, const D: usize>(lanes: &[L; D]) -> [Quad; D] {
+    let mut values = [[0.0; LANES]; D];
+    for i in 0..D {
+        values[i] = lanes[i].store();
+    }
+    values
+}
+
+/// [`load_all`] of each row.
+#[inline(always)]
+pub(crate) fn load_rows<L: Lanes, const C: usize, const R: usize>(
+    values: &[[Quad; C]; R],
+) -> [[L; C]; R] {
+    let mut rows = [[L::zero(); C]; R];
+    for i in 0..R {
+        rows[i] = load_all(&values[i]);
+    }
+    rows
+}
+
+/// [`store_all`] of each row.
+#[inline(always)]
+pub(crate) fn store_rows<L: Lanes, const C: usize, const R: usize>(
+    rows: &[[L; C]; R],
+) -> [[Quad; C]; R] {
+    let mut values = [[[0.0; LANES]; C]; R];
+    for i in 0..R {
+        values[i] = store_all(&rows[i]);
+    }
+    values
+}
+
 /// aᵀb
 #[inline(always)]
 pub(crate) fn dot<L: Lanes, const D: usize>(a: &[L; D], b: &[L; D]) -> L {

@@ -5,8 +5,8 @@ use tprmp_model::skill_model::{BlockCertificate, ValleyCertificate};
 use tprmp_rmpflow::policy::SkillPolicy;
 use tprmp_rmpflow::policy::canonical::field::{Component, Field};
 use tprmp_rmpflow::policy::canonical::policy::PositionField;
-use tprmp_rmpflow::policy::thesis::product_skill::{ProductSkill, ProductState};
-use tprmp_spatial::{MovingPose, Pose, Twist};
+use tprmp_rmpflow::policy::thesis::{ThesisPolicy, ThesisState};
+use tprmp_spatial::{MovingPose, Pose};
 
 use crate::fit::valley;
 
@@ -64,15 +64,15 @@ fn stiffness_min<const N: usize>(component: &Component<N>) -> f64 {
 /// `None` when there is no product of the Gaussians.
 fn product_block<const D: usize>(
     name: &str,
-    skill: &ProductSkill<D>,
+    skill: &ThesisPolicy<D>,
     frames: &[MovingPose],
     goal: &Pose,
 ) -> Option<BlockCertificate> {
-    let mut state = ProductState::new();
+    let mut state = ThesisState::default();
     skill.update(frames, &mut state);
     let field = state.field()?;
-    let goal = state.coordinates(goal, &Twist::ZERO).point;
-    let metrics = field.components().map(|c| c.precision * field.metric_scale());
+    let goal = state.point(goal);
+    let metrics = field.components().map(|(_, precision)| precision * skill.metric_scale());
     Some(block(name, metrics, &goal, |y| {
         let value = field.evaluate(y, &SVector::zeros());
         (value.gradient, value.metric)

@@ -28,10 +28,9 @@ use nalgebra::{Cholesky, DMatrix, SVector};
 use rayon::prelude::*;
 use tprmp_model::skill_model::{
     ActiveConstraints, Constraints, Figure, FrameMixture, Manifold, PolicyModel, Program,
-    ProgramFit, ThesisModel, product_skill,
+    ProgramFit, ThesisModel, thesis_policy,
 };
-use tprmp_rmpflow::policy::thesis::gaussian_field::GaussianField;
-use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
+use tprmp_rmpflow::policy::thesis::{GaussianField, ThesisState};
 use tprmp_spatial::rotation::rotation_vector;
 use tprmp_spatial::{MovingPose, Pose};
 
@@ -122,11 +121,11 @@ impl ThesisFit<'_> {
             name: demonstration.name.clone(),
             problem: "the Gaussians of its frames cannot be multiplied".into(),
         };
-        let products = product_skill::<D>(self.mixture, thesis).map_err(|_| not_a_product())?;
+        let policy = thesis_policy::<D>(self.mixture, thesis).map_err(|_| not_a_product())?;
         let frames = self.skill.frames(demonstration);
         let frames: Vec<_> = frames.into_iter().map(MovingPose::at_rest).collect();
-        let mut state = ProductState::new();
-        products.update(&frames, &mut state);
+        let mut state = ThesisState::default();
+        policy.update(&frames, &mut state);
         let field = state.field().ok_or_else(not_a_product)?.clone();
         let chart = state.goal().orientation.conjugate();
         let dt = demonstration.sampling_time_s;
@@ -167,7 +166,7 @@ fn differences(samples: &[DVec3], sampling_time_s: f64) -> Vec<DVec3> {
     velocities
 }
 
-/// φ⁰_k by eq. 4.15–4.16; the potentials of the fields do not enter.
+/// φ⁰_k by eq. 4.15–4.16, from fields the bias potentials of which are zero.
 ///
 /// # Errors
 /// [`NotSolved`] when the solver finds no solution.
@@ -188,11 +187,13 @@ pub fn fit_potential<const D: usize>(
             one.samples.iter().filter(|s| speed(s) > settings.speed_fraction_min * fastest)
         {
             let value = one.field.evaluate(&sample.point, &SVector::zeros());
-            let affine = one.field.affine_potential(&sample.point);
+            let terms = one.field.terms(&sample.point);
+            let gradient: SVector<f64, D> =
+                terms.iter().map(|t| t.attraction + t.weight_gradient * t.potential).sum();
             let Some(metric) = Cholesky::new(value.metric) else { continue };
-            let constant = sample.velocity.normalize() + metric.solve(&affine.gradient);
+            let constant = sample.velocity.normalize() + metric.solve(&gradient);
             let columns: Vec<_> =
-                affine.weight_gradients[..free].iter().map(|w| metric.solve(w)).collect();
+                terms[..free].iter().map(|term| metric.solve(&term.weight_gradient)).collect();
             residuals.push(std::array::from_fn(|i| Affine {
                 constant: constant[i],
                 coefficients: columns.iter().map(|c| c[i]).enumerate().collect(),
@@ -319,10 +320,10 @@ fn energy_rows<const D: usize>(
                 let lost = at_start - energy(sample);
                 rows.push(EnergyRow { weight, lost, dissipated: dissipated.clone() });
             }
-            let weights = one.field.weights(&sample.point);
+            let terms = one.field.terms(&sample.point);
             let power = sample.velocity.norm_squared() * sample.step_s;
-            for (sum, weight) in dissipated.iter_mut().zip(weights) {
-                *sum += weight * power;
+            for (sum, term) in dissipated.iter_mut().zip(terms) {
+                *sum += term.weight * power;
             }
         }
         if target == DampingTarget::TotalEnergy {

@@ -5,10 +5,8 @@
 
 use glam::DVec2;
 use nalgebra::Vector2;
-use tprmp_model::skill_model::{PolicyModel, SkillModel};
 use tprmp_rmpflow::policy::SkillPolicy;
-use tprmp_rmpflow::policy::thesis::gaussian_field::{GaussianComponent, GaussianField};
-use tprmp_rmpflow::policy::thesis::product_skill::ProductState;
+use tprmp_rmpflow::policy::thesis::{GaussianField, ThesisState};
 use tprmp_spatial::{MovingPose, Pose};
 
 /// What a component contributes to the force at a point. Forces are in proportion to each other.
@@ -24,83 +22,37 @@ pub(super) struct Contribution {
 
 /// The components of a planar product of Gaussians in the robot's base frame: the products of what the
 /// frames see.
-pub(super) struct Forces {
-    field: Box<GaussianField<2>>,
-    /// δ.
-    huber_threshold: f64,
-}
-
-/// A component at a point.
-struct Term {
-    mean: Vector2<f64>,
-    /// In proportion to its weight.
-    activation: f64,
-    /// Λ v.
-    pull: Vector2<f64>,
-    /// φ.
-    potential: f64,
-    /// ∇φ.
-    slope: Vector2<f64>,
-}
+pub(super) struct Forces(Box<GaussianField<2>>);
 
 impl Forces {
     /// The components with these frames. `None` when the policy is not a product in the plane, whose
     /// components differ by place and not by phase, or there is no product of the Gaussians.
-    pub(super) fn new(model: &SkillModel, policy: &SkillPolicy, frames: &[Pose]) -> Option<Self> {
-        let (PolicyModel::Thesis(thesis), SkillPolicy::Plane(product)) = (&model.policy, policy)
-        else {
-            return None;
-        };
+    pub(super) fn new(policy: &SkillPolicy, frames: &[Pose]) -> Option<Self> {
+        let SkillPolicy::Plane(policy) = policy else { return None };
         let frames: Vec<_> = frames.iter().copied().map(MovingPose::at_rest).collect();
-        let mut state = ProductState::new();
-        product.update(&frames, &mut state);
-        let field = Box::new(state.field()?.clone());
-        Some(Self { field, huber_threshold: thesis.huber_threshold })
+        let mut state = ThesisState::default();
+        policy.update(&frames, &mut state);
+        Some(Self(Box::new(state.field()?.clone())))
     }
 
     /// w_k of each component.
     pub(super) fn weights(&self, point: DVec2) -> Vec<f64> {
-        let y = Vector2::new(point.x, point.y);
-        self.field.weights(&y)[..self.field.components().len()].to_vec()
+        let terms = self.0.terms(&Vector2::new(point.x, point.y));
+        terms[..self.0.components().len()].iter().map(|term| term.weight).collect()
     }
 
     /// What all components contribute to the force at a point.
     pub(super) fn contributions(&self, point: DVec2) -> Vec<Contribution> {
-        let terms = self.terms(&Vector2::new(point.x, point.y));
-        let sum: f64 = terms.iter().map(|t| t.activation).sum();
-        let mean_pull: Vector2<f64> = terms.iter().map(|t| t.pull * (t.activation / sum)).sum();
         let plain = |v: Vector2<f64>| DVec2::new(v.x, v.y);
-        let contribution = |t: &Term| {
-            let weight = t.activation / sum;
-            Contribution {
-                mean: plain(t.mean),
-                attraction: plain(t.slope * -weight),
-                // ∇w = w (p̄ − Λ v)
-                nominal: plain((mean_pull - t.pull) * (-t.potential * weight)),
-            }
-        };
-        terms.iter().map(contribution).collect()
-    }
-
-    fn terms(&self, y: &Vector2<f64>) -> Vec<Term> {
-        let field = &self.field;
-        let term = |(component, activation): (GaussianComponent<2>, f64)| {
-            // The potential of a component is that of a field which has no other.
-            let alone = GaussianField::new(
-                std::slice::from_ref(&component),
-                field.metric_scale(),
-                self.huber_threshold,
-            );
-            let alone = alone.expect("a component of a field").evaluate(y, &Vector2::zeros());
-            Term {
-                mean: component.mean,
-                activation,
-                pull: component.precision * (y - component.mean),
-                potential: alone.potential,
-                slope: alone.gradient,
-            }
-        };
-        field.components().zip(field.weights(y)).map(term).collect()
+        let terms = self.0.terms(&Vector2::new(point.x, point.y));
+        let components = self.0.components().zip(terms);
+        components
+            .map(|((mean, _), term)| Contribution {
+                mean: plain(mean),
+                attraction: plain(-term.attraction),
+                nominal: plain(term.weight_gradient * -term.potential),
+            })
+            .collect()
     }
 }
 
@@ -108,6 +60,7 @@ impl Forces {
 mod tests {
     use super::*;
     use nalgebra::Matrix2;
+    use tprmp_rmpflow::policy::thesis::{PoseGaussian, ThesisComponent, ThesisPolicy};
 
     /// The contributions at a point add up to the force, the weights to one.
     #[track_caller]
@@ -128,20 +81,18 @@ mod tests {
     fn contributions_add_up_to_the_force_of_products() {
         let component = |i: usize| {
             let s = i as f64;
-            GaussianComponent {
-                mean: Vector2::new(0.2 * s, 0.1 * (s - 1.0).powi(2)),
+            let position = DVec2::new(0.2 * s, 0.1 * (s - 1.0).powi(2)).extend(0.0);
+            let gaussian = PoseGaussian {
+                mean: Pose { position, ..Pose::IDENTITY },
                 precision: Matrix2::new(60.0 + s, 5.0 * s, 5.0 * s, 40.0),
-                potential: 3.0 - s,
-                damping: 1.0,
-            }
+            };
+            ThesisComponent { gaussians: Box::new([gaussian]), potential: 3.0 - s, damping: 1.0 }
         };
-        let threshold = 1.3;
-        let components: Vec<_> = (0..4).map(component).collect();
-        let field = GaussianField::new(&components, 0.25, threshold).unwrap();
-        let forces = Forces { field: Box::new(field.clone()), huber_threshold: threshold };
+        let policy = ThesisPolicy::new((0..4).map(component).collect(), 0.25, 1.3).unwrap();
+        let forces = Forces::new(&SkillPolicy::Plane(policy), &[Pose::IDENTITY]).unwrap();
         for point in points() {
             let y = Vector2::new(point.x, point.y);
-            let gradient = field.evaluate(&y, &Vector2::zeros()).gradient;
+            let gradient = forces.0.evaluate(&y, &Vector2::zeros()).gradient;
             adds_up(&forces, point, -DVec2::new(gradient.x, gradient.y));
         }
     }

@@ -4,8 +4,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use tprmp_model::skill_model::{EvaluationError, Manifold, PolicyModel, SkillModel};
 use tprmp_rmpflow::policy::canonical::frame_map::{Canonical, FrameMap, FrameTransforms};
-use tprmp_rmpflow::policy::thesis::gaussian_field::{GaussianComponent, GaussianField};
-use tprmp_rmpflow::policy::thesis::product_skill::{ProductSkill, ProductState};
+use tprmp_rmpflow::policy::thesis::{ThesisPolicy, ThesisState};
 use tprmp_rmpflow::policy::{PolicyState, SkillPolicy};
 use tprmp_spatial::{MovingPose, Pose, Twist, Wrench};
 
@@ -159,7 +158,7 @@ impl<'a> Scene<'a> {
 
     /// The components of the field of a planar skill.
     pub(super) fn forces(&self) -> Option<Forces> {
-        Forces::new(self.skill.model, self.skill.policy.policy(), &self.frames)
+        Forces::new(self.skill.policy.policy(), &self.frames)
     }
 
     fn frames_at_rest(&self) -> Vec<MovingPose> {
@@ -217,26 +216,27 @@ fn carry(map: &FrameMap, transforms: &FrameTransforms, gaussian: &Ellipsoid) -> 
 
 /// The products of what the frames see, with the phases of these Gaussians.
 fn products<const D: usize>(
-    skill: &ProductSkill<D>,
+    skill: &ThesisPolicy<D>,
     frames: &[MovingPose],
     gaussians: &[Ellipsoid],
 ) -> Vec<Ellipsoid> {
-    let mut state = ProductState::new();
+    let mut state = ThesisState::default();
     skill.update(frames, &mut state);
-    let components = state.field().into_iter().flat_map(GaussianField::components);
-    let ellipsoid = |(component, gaussian): (GaussianComponent<D>, &Ellipsoid)| {
-        let covariance = component.precision.try_inverse()?;
+    let Some(field) = state.field() else { return Vec::new() };
+    let each = field.components().zip(gaussians);
+    each.filter_map(|((mean, precision), gaussian)| {
+        let covariance = precision.try_inverse()?;
         let mut ellipsoid =
             Ellipsoid { mean: DVec3::ZERO, covariance: DMat3::ZERO, phase: gaussian.phase };
         for i in 0..D.min(3) {
-            ellipsoid.mean[i] = component.mean[i];
+            ellipsoid.mean[i] = mean[i];
             for j in 0..D.min(3) {
                 ellipsoid.covariance.col_mut(j)[i] = covariance[(i, j)];
             }
         }
         Some(ellipsoid)
-    };
-    components.zip(gaussians).filter_map(ellipsoid).collect()
+    })
+    .collect()
 }
 
 /// f = −∇Φ − ξ − B ẋ with ξ quadratic in ẋ: at rest it is −∇Φ, and half the difference of f for

@@ -5,9 +5,8 @@ use nalgebra::SMatrix;
 use tprmp_rmpflow::policy::SkillPolicy;
 use tprmp_rmpflow::policy::canonical::frame_map::{Anchor, FrameMap, FrameMapError};
 use tprmp_rmpflow::policy::canonical::policy::{CanonicalPolicy, PositionField};
-use tprmp_rmpflow::policy::thesis::gaussian_product::PoseGaussian;
-use tprmp_rmpflow::policy::thesis::product_skill::{
-    ProductComponent, ProductSkill, ProductSkillError,
+use tprmp_rmpflow::policy::thesis::{
+    PoseGaussian, ThesisComponent, ThesisPolicy, ThesisPolicyError,
 };
 
 use crate::skill_model::model::{
@@ -23,7 +22,7 @@ pub enum EvaluationError {
     Frames(FrameMapError),
     /// The Gaussians of the frames do not multiply.
     #[error("the Gaussians of the frames cannot be multiplied ({0:?})")]
-    Product(ProductSkillError),
+    Product(ThesisPolicyError),
 }
 
 impl From<FrameMapError> for EvaluationError {
@@ -32,8 +31,8 @@ impl From<FrameMapError> for EvaluationError {
     }
 }
 
-impl From<ProductSkillError> for EvaluationError {
-    fn from(error: ProductSkillError) -> Self {
+impl From<ThesisPolicyError> for EvaluationError {
+    fn from(error: ThesisPolicyError) -> Self {
         Self::Product(error)
     }
 }
@@ -50,9 +49,9 @@ impl SkillModel {
                 SkillPolicy::Canonical(self.canonical_skill(position, orientation.as_ref())?)
             }
             PolicyModel::Thesis(thesis) => match self.manifold {
-                Manifold::R2 => SkillPolicy::Plane(product_skill(&self.frames, thesis)?),
-                Manifold::R3 => SkillPolicy::Space(product_skill(&self.frames, thesis)?),
-                Manifold::R3S3 => SkillPolicy::Pose(product_skill(&self.frames, thesis)?),
+                Manifold::R2 => SkillPolicy::Plane(thesis_policy(&self.frames, thesis)?),
+                Manifold::R3 => SkillPolicy::Space(thesis_policy(&self.frames, thesis)?),
+                Manifold::R3S3 => SkillPolicy::Pose(thesis_policy(&self.frames, thesis)?),
             },
         })
     }
@@ -109,7 +108,7 @@ impl SkillModel {
     }
 }
 
-/// The thesis' skill on the product of the frames' Gaussians, on a manifold of dimension D.
+/// The thesis' policy on the product of the frames' Gaussians, on a manifold of dimension D.
 ///
 /// # Errors
 /// When the Gaussians cannot be multiplied.
@@ -117,21 +116,21 @@ impl SkillModel {
 /// # Panics
 /// When D is not the dimension of the manifold, a frame has not as many Gaussians as `thesis` has
 /// potentials, or there is no frame.
-pub fn product_skill<const D: usize>(
+pub fn thesis_policy<const D: usize>(
     frames: &[FrameMixture],
     thesis: &ThesisModel,
-) -> Result<ProductSkill<D>, ProductSkillError> {
+) -> Result<ThesisPolicy<D>, ThesisPolicyError> {
     let component = |k: usize| {
         let gaussian = |p: usize| {
             pose_gaussian(&frames[p].gaussians[k])
-                .ok_or(ProductSkillError::Precision { component: k, frame: p })
+                .ok_or(ThesisPolicyError::Precision { component: k, frame: p })
         };
         let gaussians = (0..frames.len()).map(gaussian).collect::<Result<_, _>>()?;
         let (potential, damping) = (thesis.potentials[k], thesis.damping[k]);
-        Ok(ProductComponent { gaussians, potential, damping })
+        Ok(ThesisComponent { gaussians, potential, damping })
     };
     let components = (0..thesis.potentials.len()).map(component).collect::<Result<_, _>>()?;
-    ProductSkill::new(components, thesis.metric_scale, thesis.huber_threshold)
+    ThesisPolicy::new(components, thesis.metric_scale, thesis.huber_threshold)
 }
 
 fn pose_gaussian<const D: usize>(gaussian: &FrameGaussian) -> Option<PoseGaussian<D>> {

@@ -34,7 +34,7 @@ mod upgrade;
 mod validate;
 
 pub use certificate::{BlockCertificate, Certificate, Rollouts, ValleyCertificate};
-pub use evaluated::{EvaluationError, product_skill};
+pub use evaluated::{EvaluationError, thesis_policy};
 pub use file::{ModelError, SCHEMA, read, sha256_hex, to_text, write};
 pub use fit::{
     ActiveConstraints, Constraints, DemonstrationRollout, Figure, Fit, Program, ProgramFit,

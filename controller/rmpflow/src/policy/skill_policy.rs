@@ -3,7 +3,7 @@
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
 use crate::policy::canonical::policy::CanonicalPolicy;
-use crate::policy::thesis::product_skill::{ProductSkill, ProductState};
+use crate::policy::thesis::{ThesisPolicy, ThesisState};
 use crate::policy::value::{Phase, SkillInertia, SkillValue};
 
 /// A learned policy: immutable.
@@ -13,11 +13,11 @@ pub enum SkillPolicy {
     /// Fields on canonical coordinates and the phase, behind a frame map.
     Canonical(CanonicalPolicy),
     /// Products of Gaussians in the plane.
-    Plane(ProductSkill<2>),
+    Plane(ThesisPolicy<2>),
     /// Products of Gaussians in space.
-    Space(ProductSkill<3>),
+    Space(ThesisPolicy<3>),
     /// Products of Gaussians on poses.
-    Pose(ProductSkill<6>),
+    Pose(ThesisPolicy<6>),
 }
 
 /// A tool is held back when more than this fraction of its desired velocity is obstructed; its phase then
@@ -33,9 +33,9 @@ pub struct PolicyState {
     phase: Option<Phase>,
     /// Whether an obstacle holds the tool back.
     held: bool,
-    plane: ProductState<2>,
-    space: ProductState<3>,
-    pose: ProductState<6>,
+    plane: ThesisState<2>,
+    space: ThesisState<3>,
+    pose: ThesisState<6>,
 }
 
 impl PolicyState {
@@ -166,8 +166,7 @@ mod tests {
     use crate::policy::canonical::field::{Component, Field};
     use crate::policy::canonical::frame_map::{Anchor, FrameMap};
     use crate::policy::canonical::policy::PositionField;
-    use crate::policy::thesis::gaussian_product::PoseGaussian;
-    use crate::policy::thesis::product_skill::ProductComponent;
+    use crate::policy::thesis::{PoseGaussian, ThesisComponent};
     use glam::{DQuat, DVec3};
     use nalgebra::{Matrix4, SMatrix, Vector4};
 
@@ -200,14 +199,14 @@ mod tests {
         })
     }
 
-    fn products<const D: usize>() -> ProductSkill<D> {
+    fn products<const D: usize>() -> ThesisPolicy<D> {
         let gaussian = PoseGaussian {
             mean: pose([0.1, 0.2, 0.3], 0.2),
             precision: SMatrix::identity() * 50.0,
         };
         let component =
-            ProductComponent { gaussians: Box::new([gaussian; 2]), potential: 0.0, damping: 20.0 };
-        ProductSkill::new(Box::new([component]), 0.1, 1.0).unwrap()
+            ThesisComponent { gaussians: Box::new([gaussian; 2]), potential: 0.0, damping: 20.0 };
+        ThesisPolicy::new(Box::new([component]), 0.1, 1.0).unwrap()
     }
 
     #[test]
