@@ -166,7 +166,7 @@ fn differences(samples: &[DVec3], sampling_time_s: f64) -> Vec<DVec3> {
     velocities
 }
 
-/// φ⁰_k by eq. 4.15–4.16; the potentials of the fields do not enter.
+/// φ⁰_k by eq. 4.15–4.16, from fields the bias potentials of which are zero.
 ///
 /// # Errors
 /// [`NotSolved`] when the solver finds no solution.
