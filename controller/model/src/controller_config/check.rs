@@ -54,7 +54,7 @@ impl Check {
 
     pub(super) fn not_negative(&mut self, key: &str, value: f64) {
         range::not_negative(key, value, &mut |key, expected, found| {
-            self.fail(key, expected, found)
+            self.fail(key, expected, found);
         });
     }
 

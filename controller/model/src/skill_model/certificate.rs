@@ -1,8 +1,8 @@
-//! What was proved of a model, and what was tried.
+//! What was proved of a model, and how its rollouts ended.
 
 use serde::{Deserialize, Serialize};
 
-/// What was proved of a model, and what was tried.
+/// What was proved of a model, and how its rollouts ended.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Certificate {
@@ -12,7 +12,7 @@ pub struct Certificate {
     pub blocks: Vec<BlockCertificate>,
     /// Rollouts from random starts with the frames of the demonstrations.
     pub demonstrated_frames: Rollouts,
-    /// The same with displaced and turned frames.
+    /// The same with displaced and rotated frames.
     pub displaced_frames: Rollouts,
     /// Step of these rollouts [s].
     pub step_s: f64,
@@ -42,13 +42,13 @@ pub struct BlockCertificate {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ValleyCertificate {
-    /// Phases at which it was looked at.
+    /// Phases at which it was examined.
     pub phases: u32,
     /// Smallest eigenvalue of the Hessian of Φ in the coordinates without the phase, relative to the
     /// metric [1/s²]: no smaller at any phase, since both are means of the components'.
     pub stiffness_min_1_s2: f64,
     /// Least fall of the potential along the valley towards the goal, over a fraction of the phase
-    /// [u²/s²], outside of the surroundings of the goal for which its Hessian speaks.
+    /// [u²/s²], outside of the neighbourhood of the goal that its Hessian covers.
     pub descent_min: f64,
 }
 
@@ -56,7 +56,7 @@ pub struct ValleyCertificate {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rollouts {
-    /// Starts that were tried.
+    /// Number of starts.
     pub starts: u32,
     /// Starts from which the goal was reached.
     pub reached: u32,
