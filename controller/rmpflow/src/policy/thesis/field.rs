@@ -26,6 +26,9 @@
 //! and d in \[s/m²\] when M is to be the inertia of Φ. Whoever adds the policy to others scales force
 //! and metric by one factor \[J\], which leaves the acceleration as it is.
 
+#[cfg(test)]
+mod tests;
+
 use nalgebra::{SMatrix, SVector};
 
 use crate::lanes::{
