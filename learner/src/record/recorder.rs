@@ -472,7 +472,7 @@ mod tests {
         let others = [("box".to_owned(), at(DVec3::ZERO)), ("shelf".to_owned(), at(2.0 * GOAL))];
         assert_eq!(demonstration.other_frames, others.into());
         assert_eq!(demonstration.start, demonstration.poses[0]);
-        assert!(notes.len() == 1 && notes[0].contains("`box` was out of status"), "{notes:?}");
+        assert!(notes.len() == 1 && notes[0].contains("`box` was out of sight"), "{notes:?}");
     }
 
     #[test]
@@ -498,7 +498,7 @@ mod tests {
         });
         bench.rest(1.2);
         let notes = &bench.recorded()[0].notes;
-        assert!(notes.len() == 1 && notes[0].contains("out of status for 0.50 s"), "{notes:?}");
+        assert!(notes.len() == 1 && notes[0].contains("out of sight for 0.50 s"), "{notes:?}");
     }
 
     #[test]
