@@ -59,9 +59,9 @@ fn asked(policy: &RobotPolicy<N>, frames: &[MovingPose]) -> SVector<f64, N> {
 
 #[test]
 fn a_skill_beside_itself_changes_nothing() {
-    let shown = frames(DVec3::ZERO);
-    let alone = asked(&policy(&[], |_| {}), &shown);
-    let twice = asked(&policy(&[3.0], |_| {}), &[shown, shown].concat());
+    let demonstrated = frames(DVec3::ZERO);
+    let alone = asked(&policy(&[], |_| {}), &demonstrated);
+    let twice = asked(&policy(&[3.0], |_| {}), &[demonstrated, demonstrated].concat());
     assert!(alone.norm() > 0.1 && (twice - alone).norm() < 1e-9, "{alone} {twice}");
 }
 
@@ -102,7 +102,7 @@ fn each_skill_keeps_a_phase_of_its_own() {
 
 #[test]
 fn a_goal_attractor_draws_beside_the_skill() {
-    let shown = frames(DVec3::ZERO);
+    let demonstrated = frames(DVec3::ZERO);
     let attractor = |linear_inertia_kg: f64| PoseAttractor {
         linear_inertia_kg,
         angular_inertia_kg_m2: 0.0,
@@ -110,15 +110,18 @@ fn a_goal_attractor_draws_beside_the_skill() {
         damping_1_s: 4.0,
         saturation_m: 0.5,
     };
-    let alone = asked(&policy(&[], |_| {}), &shown);
+    let alone = asked(&policy(&[], |_| {}), &demonstrated);
     let with = |inertia: f64| {
-        asked(&policy(&[], |config| config.goal_attractor = Some(attractor(inertia))), &shown)
+        asked(
+            &policy(&[], |config| config.goal_attractor = Some(attractor(inertia))),
+            &demonstrated,
+        )
     };
     let heavy = with(1e6);
     let (q, qd) = (DVec3::new(-0.3, 0.4, 0.0), DVec3::new(0.5, -0.2, 0.0));
     let policy = policy(&[], |_| {});
     let parameters = TaskParameters {
-        frames: &shown,
+        frames: &demonstrated,
         goal_frame: 1,
         obstacles: &[],
         external: None,

@@ -123,7 +123,7 @@ proptest! {
         for (which, damage) in &damages {
             spoil(&mut demonstrated[*which], damage);
         }
-        folder.demonstrations("shown", &demonstrated);
+        folder.demonstrations("demonstrated", &demonstrated);
         let file = folder.write("skill.ron", &small_skill(template));
         match train(&file, Components::SkillFile, 1, &mut |_| {}) {
             Ok(trained) => {

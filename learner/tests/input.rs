@@ -19,9 +19,9 @@ fn text(manifold: Manifold) -> String {
 #[track_caller]
 fn refused(text: &str, expected: &[&str]) {
     let folder = Folder::new(&format!("refused-{}", std::panic::Location::caller().line()));
-    let path = folder.write("shown.json", text);
+    let path = folder.write("demonstrated.json", text);
     let message = read(&path, "start", "end").unwrap_err().to_string();
-    for part in expected.iter().chain(&["shown.json"]) {
+    for part in expected.iter().chain(&["demonstrated.json"]) {
         assert!(message.contains(part), "`{message}` does not say `{part}`");
     }
 }
@@ -88,8 +88,8 @@ fn quaternions_that_are_not_unit_are_named_and_nearly_unit_ones_normalised() {
         &["samples[3]", "unit quaternion", "0.5"],
     );
     let folder = Folder::new("nearly");
-    let path =
-        folder.write("shown.json", &with_sample(Manifold::R3S3, "[0, 0, 0, 1.0005, 0, 0, 0]"));
+    let path = folder
+        .write("demonstrated.json", &with_sample(Manifold::R3S3, "[0, 0, 0, 1.0005, 0, 0, 0]"));
     let demonstrated = read(&path, "start", "end").unwrap();
     assert!((demonstrated.poses[3].orientation.length() - 1.0).abs() < 1e-12);
     let frame =
@@ -147,8 +147,9 @@ fn truncated_and_corrupted_files_are_named() {
     refused(&good[..good.len() / 2], &["line", "truncated"]);
     refused("", &["truncated"]);
     refused(&good.replacen("[0.", "[zero.", 1), &["line"]);
-    let missing = read(Path::new("/nowhere/shown.json"), "start", "end").unwrap_err().to_string();
-    assert!(missing.contains("/nowhere/shown.json"));
+    let missing =
+        read(Path::new("/nowhere/demonstrated.json"), "start", "end").unwrap_err().to_string();
+    assert!(missing.contains("/nowhere/demonstrated.json"));
 }
 
 #[test]
@@ -259,12 +260,13 @@ fn keys_of_the_last_version_are_refused_with_the_new_name() {
     }
     // All in one message.
     let old = skill_text("planar.ron")
-        .replace("refinement_rounds_max", "repairs_max")
-        .replace("rest_speed_fraction", "rest_speed_share");
+        .replace("refinement_rounds_max", "repairs_max") // the old names
+        .replace("rest_speed_fraction", "rest_speed_share"); // the old names
     let message = Skill::read(&folder.write("skill.ron", &old)).unwrap_err().to_string();
-    for (old, new) in
-        [("repairs_max", "refinement_rounds_max"), ("rest_speed_share", "rest_speed_fraction")]
-    {
+    for (old, new) in [
+        ("repairs_max", "refinement_rounds_max"),    // the old names
+        ("rest_speed_share", "rest_speed_fraction"), // the old names
+    ] {
         assert!(message.contains(&format!("`{old}` is now `{new}`")), "{message}");
     }
 }

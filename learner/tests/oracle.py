@@ -11,7 +11,7 @@ FILE = pathlib.Path(__file__).with_name("oracle.json")
 # config/skills/planar.ron
 DAMPING, WIDTH, OVERLAP, SCALE = 8.0, 0.2, 0.6, 0.25
 OFFSETS, TUBE_STRIDE, TUBE_WEIGHT, ATTRACTION, SPEED_MIN = (0.06, 0.15, 0.3), 6, 0.05, 2.0, 0.02
-DESCENT_WEIGHT, DESCENT_SPEED, SLOWDOWN, BEND, GOAL_RADIUS, STRIDE = 0.5, 0.3, 0.3, 0.25, 0.2, 4
+DESCENT_WEIGHT, DESCENT_SPEED, SLOWDOWN, ATTRACTION, GOAL_RADIUS, STRIDE = 0.5, 0.3, 0.3, 0.25, 0.2, 4
 STIFFNESS_MIN, HESSIAN_MIN, LAMBDA, LENGTH = 6.0, 6.0, 1e-4, 0.3
 ITERATIONS, REGULARISATION, RISE = 15, 1e-3, 0.1
 N = 3
@@ -20,8 +20,8 @@ N = 3
 def ramp(t, rise=RISE):
     """The phase over the time, and its two derivatives."""
     if t > 0.5:
-        value, slope, bend = ramp(1 - t, rise)
-        return 1 - value, slope, -bend
+        value, slope, second = ramp(1 - t, rise)
+        return 1 - value, slope, -second
     speed, u = 1 / (1 - rise), max(t / rise, 0.0)
     if u >= 1:
         return speed * (t - 0.5 * rise), speed, 0.0
@@ -37,25 +37,25 @@ def mixture(paths, count, length):
     samples = np.concatenate(
         [np.column_stack([np.linspace(0, 1, len(y)) * length, y]) for y in paths]
     )
-    shares = []
+    fractions = []
     for y in paths:
         arc = np.r_[0, np.cumsum(np.linalg.norm(np.diff(y, axis=0), axis=1))]
-        shares.append(arc / arc[-1])
-    piece = np.minimum((np.concatenate(shares) * count).astype(int), count - 1)
-    share = np.eye(count)[piece]
+        fractions.append(arc / arc[-1])
+    piece = np.minimum((np.concatenate(fractions) * count).astype(int), count - 1)
+    fraction = np.eye(count)[piece]
     for _ in range(ITERATIONS):
-        n = share.sum(0)
-        means = share.T @ samples / n[:, None]
-        logs = np.zeros_like(share)
+        n = fraction.sum(0)
+        means = fraction.T @ samples / n[:, None]
+        logs = np.zeros_like(fraction)
         for k in range(count):
             v = samples - means[k]
-            c = (v * share[:, k : k + 1]).T @ v / n[k] + REGULARISATION * np.eye(samples.shape[1])
+            c = (v * fraction[:, k : k + 1]).T @ v / n[k] + REGULARISATION * np.eye(samples.shape[1])
             q = np.einsum("ni,ij,nj->n", v, np.linalg.inv(c), v)
             logs[:, k] = np.log(n[k] / len(samples)) - 0.5 * q - 0.5 * np.linalg.slogdet(c)[1]
         logs -= logs.max(1, keepdims=True)
-        share = np.exp(logs)
-        share /= share.sum(1, keepdims=True)
-    return share
+        fraction = np.exp(logs)
+        fraction /= fraction.sum(1, keepdims=True)
+    return fraction
 
 
 class Field:
@@ -115,11 +115,11 @@ def main():
     oracle = json.loads(FILE.read_text())
     paths = [np.array(p)[:, :2] for p in oracle["points"]]
     rates = [np.array(p)[:, :2] for p in oracle["velocities"]]
-    bends = [np.array(p)[:, :2] for p in oracle["accelerations"]]
+    seconds = [np.array(p)[:, :2] for p in oracle["accelerations"]]
     length = np.mean([np.linalg.norm(np.diff(y, axis=0), axis=1).sum() for y in paths])
     goal = np.r_[np.array(oracle["goal"])[:2], length]
     points, velocities, accelerations = [], [], []
-    for y, v, a in zip(paths, rates, bends):
+    for y, v, a in zip(paths, rates, seconds):
         last = len(y) - 1
         moving = np.linalg.norm(v[1:-1], axis=1) > 0.2
         step = np.linalg.norm(y[2:] - y[:-2], axis=1)[moving] / 2
@@ -130,13 +130,13 @@ def main():
         accelerations.append(np.c_[a, phase[:, 2] * per_second**2])
 
     count = oracle["components"]
-    share = mixture(paths, count, length)
+    fraction = mixture(paths, count, length)
     samples = np.concatenate(points)
     means, metrics, sizes = [], [], []
     for k in range(count):
-        mean = share[:, k] @ samples / share[:, k].sum()
+        mean = fraction[:, k] @ samples / fraction[:, k].sum()
         v = samples - mean
-        covariance = (v * share[:, k : k + 1]).T @ v / share[:, k].sum()
+        covariance = (v * fraction[:, k : k + 1]).T @ v / fraction[:, k].sum()
         precision = np.linalg.inv(covariance + WIDTH**2 * np.eye(N))
         means.append(mean)
         metrics.append(SCALE * precision)
@@ -149,8 +149,8 @@ def main():
         stride = min(stride, max(len(path) // 10, 1))
         return list(zip(path[::stride], speeds[::stride]))
 
-    shown = [s for p, v in zip(points, velocities) for s in every(p, v, STRIDE)]
-    near = np.array([p for p, _ in shown])
+    demonstrated = [s for p, v in zip(points, velocities) for s in every(p, v, STRIDE)]
+    near = np.array([p for p, _ in demonstrated])
     targets = []
     for path, speeds, turns in zip(points, velocities, accelerations):
         for z, v, a in zip(path, speeds, turns):
@@ -176,28 +176,28 @@ def main():
 
     def direction(z):
         at = np.argmin(((near - z) ** 2).sum(1))
-        sample, v = shown[at]
+        sample, v = demonstrated[at]
         to_goal = goal - z
         distance = np.linalg.norm(to_goal)
         speed = np.linalg.norm(v)
         forward = v / speed if speed > SPEED_MIN else to_goal / distance
-        bent = forward + (sample - z) / BEND
+        bent = forward + (sample - z) / ATTRACTION
         bent /= np.linalg.norm(bent)
         close = np.exp(-((distance / GOAL_RADIUS) ** 2))
         t = bent * (1 - close) + to_goal / distance * close
         return t / np.linalg.norm(t), min(distance / SLOWDOWN, 1.0)
 
     checked = [z for z in near if np.linalg.norm(z - goal) > 1e-6]
-    demands, speeds = [], []
+    constraints, speeds = [], []
     for z in checked:
         t, part = direction(z)
-        demands.append(np.linalg.inv(field.metric(z)[0]) @ t @ field.basis(z)[1])
+        constraints.append(np.linalg.inv(field.metric(z)[0]) @ t @ field.basis(z)[1])
         speeds.append(DESCENT_SPEED * DAMPING * part)
-    demands, speeds = np.array(demands), np.array(speeds)
+    constraints, speeds = np.array(constraints), np.array(speeds)
 
     p = cp.Variable(rows.shape[1])
     residual = cp.sum_squares(cp.multiply(weights, rows @ p + rest)) / DAMPING**2
-    hinge = cp.sum(cp.pos(speeds + demands @ p)) / len(checked) / DAMPING
+    hinge = cp.sum(cp.pos(speeds + constraints @ p)) / len(checked) / DAMPING
     mean_metric = np.mean([np.trace(m) / N for m in field.metrics])
     kinds = ([1.0] + [LENGTH] * N + [LENGTH**2] * 6) * count + [LENGTH**2] * 6
     scales = np.array(kinds) / (mean_metric * DAMPING)

@@ -11,7 +11,7 @@ use tprmp_model::skill_model::Manifold;
 
 /// A skill file with its demonstrations, and a model of it.
 fn trained(folder: &Folder) -> (PathBuf, PathBuf) {
-    folder.demonstrations("shown", &arcs(Manifold::R2));
+    folder.demonstrations("demonstrated", &arcs(Manifold::R2));
     let skill = folder.write("skill.ron", &skill_text("planar.ron"));
     let model = folder.path().join("model.ron");
     let output = run(&train(&skill, &model), Stdio::null(), Stdio::piped());

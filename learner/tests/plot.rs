@@ -20,9 +20,9 @@ fn skill_of(manifold: Manifold) -> String {
     text.replace("manifold: R3xS3", &format!("manifold: {manifold}"))
 }
 
-/// A model of made-up demonstrations, `shown` beside it.
+/// A model of made-up demonstrations, `demonstrated` beside it.
 fn trained(manifold: Manifold, text: &str, folder: &Folder) -> PathBuf {
-    folder.demonstrations("shown", &arcs(manifold));
+    folder.demonstrations("demonstrated", &arcs(manifold));
     let text = text
         .replace("random_starts: 20", "random_starts: 1")
         .replace("displaced_starts: 20", "displaced_starts: 1")
@@ -59,8 +59,10 @@ fn texts(paths: &[PathBuf]) -> BTreeMap<String, String> {
 fn drawn(name: &str, manifold: Manifold, skill: &str) -> BTreeMap<String, BTreeMap<String, usize>> {
     let folder = Folder::new(&format!("plot-{name}"));
     let model = trained(manifold, skill, &folder);
-    let shown = folder.path().join("shown");
-    let draw = |name: &str| texts(&plot::plot(&model, &shown, &folder.path().join(name)).unwrap());
+    let demonstrations = folder.path().join("demonstrated");
+    let draw = |name: &str| {
+        texts(&plot::plot(&model, &demonstrations, &folder.path().join(name)).unwrap())
+    };
     let pictures = draw("pictures");
     assert!(pictures == draw("again"), "the same input gave other bytes");
     let page = &pictures["index.html"];
@@ -173,10 +175,10 @@ fn other_demonstrations_are_refused() {
     refused("nowhere", &["made_up_01.json", "expected this file", "`made_up`"]);
     folder.demonstrations("others", &arcs(Manifold::R2)[..1]);
     refused("others", &["made_up_02.json", "expected this file"]);
-    let path = folder.path().join("shown/made_up_03.json");
+    let path = folder.path().join("demonstrated/made_up_03.json");
     let changed = std::fs::read_to_string(&path).unwrap() + " ";
     std::fs::write(&path, changed).unwrap();
-    refused("shown", &["made_up_03.json", "SHA-256", "changed"]);
+    refused("demonstrated", &["made_up_03.json", "SHA-256", "changed"]);
 }
 
 #[test]

@@ -20,8 +20,8 @@ import numpy as np
 METRIC_SCALE = 0.25
 HUBER_THRESHOLD = 2.0
 DAMPING_MIN = 0.1
-# Slower samples show no direction: share of the demonstration's largest speed.
-SPEED_SHARE_MIN = 0.02
+# Slower samples show no direction: fraction of the demonstration's largest speed.
+SPEED_FRACTION_MIN = 0.02
 STEP_S = 0.05
 SAMPLES = 41
 GOAL = np.array([0.6, 0.3])
@@ -45,12 +45,12 @@ def rotation(angle):
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-def bow(share, bulge, start, goal):
-    """Point of a bow from start to goal, and its derivative by the share."""
+def bow(fraction, bulge, start, goal):
+    """Point of a bow from start to goal, and its derivative by the fraction."""
     along = goal - start
     across = np.array([-along[1], along[0]]) / np.linalg.norm(along)
-    point = start + along * share + across * bulge * np.sin(np.pi * share)
-    return point, along + across * bulge * np.pi * np.cos(np.pi * share)
+    point = start + along * fraction + across * bulge * np.sin(np.pi * fraction)
+    return point, along + across * bulge * np.pi * np.cos(np.pi * fraction)
 
 
 def rounded(values):
@@ -76,9 +76,9 @@ def made_up():
         duration = (SAMPLES - 1) * STEP_S
         for i in range(SAMPLES):
             t = i / (SAMPLES - 1)
-            share = t**3 * (10 - 15 * t + 6 * t**2)
+            fraction = t**3 * (10 - 15 * t + 6 * t**2)
             rate = 30 * t**2 * (1 - t) ** 2 / duration
-            point, slope = bow(share, bulge, np.array(placed[0][1]), np.array(placed[1][1]))
+            point, slope = bow(fraction, bulge, np.array(placed[0][1]), np.array(placed[1][1]))
             points.append(rounded(point))
             velocities.append(rounded(slope * rate))
         demonstrations.append((placed, points, velocities))
@@ -149,14 +149,14 @@ def derivative(function, x):
     return np.stack([function(x + 1j * step * e).imag / step for e in np.eye(2)], axis=-1)
 
 
-def solve_potential(shown):
+def solve_potential(demonstrated):
     """Eq. 4.15-4.16: bias potentials and mean residual."""
     free = cp.Variable(len(COMPONENTS))
     norms = []
-    for field, points, velocities in shown:
+    for field, points, velocities in demonstrated:
         speeds = np.linalg.norm(velocities, axis=1)
         for x, velocity, speed in zip(points, velocities, speeds):
-            if speed <= SPEED_SHARE_MIN * speeds.max():
+            if speed <= SPEED_FRACTION_MIN * speeds.max():
                 continue
             inverse = np.linalg.inv(field.metric(x))
             constant = field.gradient(x, np.zeros(len(COMPONENTS)))
@@ -169,10 +169,10 @@ def solve_potential(shown):
     return free.value - free.value[-1], problem.value
 
 
-def energy_rows(shown, biases, whole_profile):
+def energy_rows(demonstrated, biases, whole_profile):
     """Eq. 4.18-4.19: (weight, energy lost, energy dissipated per unit of each damping)."""
     rows = []
-    for field, points, velocities in shown:
+    for field, points, velocities in demonstrated:
         energies = [
             0.5 * v @ field.metric(x) @ v + field.potential(x, biases)
             for x, v in zip(points, velocities)
@@ -208,14 +208,14 @@ def solve_damping(rows):
 def main():
     """Solves everything and writes the fixture."""
     frames, demonstrations = made_up()
-    shown, stored = [], []
+    demonstrated, stored = [], []
     for placed, points, velocities in demonstrations:
         field = Field(*product(frames, placed))
-        shown.append((field, np.array(points), np.array(velocities)))
-    biases, potential_objective = solve_potential(shown)
+        demonstrated.append((field, np.array(points), np.array(velocities)))
+    biases, potential_objective = solve_potential(demonstrated)
     # The total energy of one demonstration is one equation: there many solutions are as good.
     damping = [
-        (target, count, *solve_damping(energy_rows(shown[:count], biases, whole_profile)))
+        (target, count, *solve_damping(energy_rows(demonstrated[:count], biases, whole_profile)))
         for target, count, whole_profile in [
             ("TotalEnergy", 1, False),
             ("TotalEnergy", 2, False),
@@ -223,7 +223,7 @@ def main():
         ]
     ]
     random = np.random.default_rng(5)
-    for (placed, _, _), (field, points, velocities) in zip(demonstrations, shown):
+    for (placed, _, _), (field, points, velocities) in zip(demonstrations, demonstrated):
         probes = []
         for _ in range(8):
             x = rounded(GOAL * random.uniform(-0.3, 1.3) + random.uniform(-0.3, 0.3, 2))

@@ -133,7 +133,7 @@ fn quaternions_of_either_sign_give_the_same_model() {
 #[test]
 fn the_same_input_and_seed_give_the_same_bytes() {
     let folder = Folder::new("bytes");
-    folder.demonstrations("shown", &arcs(Manifold::R3S3));
+    folder.demonstrations("demonstrated", &arcs(Manifold::R3S3));
     let file = folder.write("skill.ron", &skill_text("pick.ron"));
     let text =
         |seed| to_text(&train(&file, Components::SkillFile, seed, &mut |_| {}).unwrap().model);
@@ -157,7 +157,7 @@ fn k_means_learns_too_and_depends_on_the_seed_only() {
 #[test]
 fn the_number_of_gaussians_is_chosen_by_the_criterion() {
     let folder = Folder::new("components");
-    folder.demonstrations("shown", &arcs(Manifold::R2));
+    folder.demonstrations("demonstrated", &arcs(Manifold::R2));
     let file = folder.write("skill.ron", &skill_text("planar.ron"));
     let auto = |least, most| train(&file, Components::Auto { least, most }, 1, &mut |_| {});
     let trained = auto(2, 12).unwrap();
@@ -306,7 +306,7 @@ fn learner(arguments: &[&str]) -> Output {
 #[test]
 fn the_command_trains_inspects_and_says_what_is_wrong() {
     let folder = Folder::new("command");
-    folder.demonstrations("shown", &arcs(Manifold::R2));
+    folder.demonstrations("demonstrated", &arcs(Manifold::R2));
     let file = folder.write("skill.ron", &skill_text("planar.ron"));
     let model = folder.path().join("model.ron");
     let [file, out] = [&file, &model].map(|path| path.to_str().unwrap());
@@ -332,7 +332,7 @@ fn the_command_trains_inspects_and_says_what_is_wrong() {
     assert!(said.contains("up to 0.125 m and 0.0°: coefficients up to 25.0 mm"), "{said}");
 
     std::fs::remove_file(&model).unwrap();
-    folder.write("shown/made_up_02.json", "{");
+    folder.write("demonstrated/made_up_02.json", "{");
     let failed = learner(&["train", file, "--out", out]);
     let said = String::from_utf8(failed.stderr).unwrap();
     assert_eq!(failed.status.code(), Some(1));

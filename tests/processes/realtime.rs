@@ -166,10 +166,10 @@ fn top_shows_a_running_controller_and_says_when_there_is_none() {
     while looking.try_wait().unwrap().is_none() {
         robot.live();
     }
-    let shown = text(&finish(looking));
+    let printed = text(&finish(looking));
     for part in [&place.instance, "Hz, period 1000 µs", "allocations in the loop 0", "evaluation"]
     {
-        assert!(shown.contains(part), "expected `{part}` in: {shown}");
+        assert!(printed.contains(part), "expected `{part}` in: {printed}");
     }
     stop_live(robot, controller);
     let summary = json(&place.path("controller.json"));

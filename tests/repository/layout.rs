@@ -5,7 +5,7 @@ use crate::{files, own_path, root};
 /// A longer file has more than one subject.
 const LINES_MAX: usize = 600;
 
-/// The top level is the map a newcomer reads first: nothing joins it unnoticed.
+/// The top level is the map a stranger reads first: nothing joins it unnoticed.
 #[test]
 fn top_level_holds_only_the_named_folders() {
     let named = [

@@ -21,14 +21,23 @@ const REPLACED: &[(&str, &str)] = &[
 
 /// Words that name nothing in code any more; in prose some of them are ordinary English.
 const NO_NAMES: &[(&str, &str)] = &[
+    ("board", "shared status"),
     ("bend", "second derivative"),
     ("bends", "second derivative"),
     ("blaming", "leave-one-out diagnosis"),
+    ("course", "task state, rollout specification"),
+    ("demands", "constraints, requirements"),
+    ("ending", "outcome"),
+    ("examiner", "certifier"),
+    ("led", "externally commanded"),
+    ("louder", "heavier"),
     ("pressing", "obstructed fraction"),
     ("refusal", "denied capability"),
+    ("repairs", "refinement rounds"),
     ("share", "fraction"),
     ("shares", "fractions"),
     ("shown", "demonstrated"),
+    ("situation", "policy instance"),
     ("surroundings", "proximity"),
 ];
 
@@ -58,10 +67,15 @@ fn words_that_were_replaced_do_not_come_back() {
         if name == "CHANGELOG.md"
             || name.ends_with("repository/words.rs")
             || name.contains("renamed")
+            || name.contains("upgrade")
+            || name.contains("tests/data/")
         {
             continue;
         }
         for (i, line) in std::fs::read_to_string(&path).unwrap().lines().enumerate() {
+            if line.ends_with("// the old names") {
+                continue;
+            }
             let code = line.split("//").next().unwrap();
             let prose = name.ends_with(".md") || name.ends_with(".toml");
             let names = if prose || line.trim_start().starts_with('#') { &[] } else { NO_NAMES };

@@ -27,7 +27,7 @@ impl Folder {
     }
 
     /// What reading this text says.
-    fn refusal(&self, text: &str) -> ModelError {
+    fn error_of(&self, text: &str) -> ModelError {
         std::fs::write(self.file(), text).unwrap();
         let error = read(&self.file()).unwrap_err();
         let message = error.to_string();
@@ -39,7 +39,7 @@ impl Folder {
     fn invalid(&self, change: impl FnOnce(&mut SkillModel)) -> (String, String) {
         let mut model = model();
         change(&mut model);
-        match self.refusal(&to_text(&model)) {
+        match self.error_of(&to_text(&model)) {
             ModelError::Invalid { key, problem, .. } => (key, problem),
             other => panic!("expected an invalid value, found: {other}"),
         }
@@ -211,7 +211,7 @@ fn missing_and_truncated_files_are_named() {
     let text = to_text(&model());
     for fraction in [0.0, 0.01, 0.3, 0.9] {
         let cut = (text.len() as f64 * fraction) as usize;
-        let error = folder.refusal(&text[..cut]);
+        let error = folder.error_of(&text[..cut]);
         assert!(matches!(error, ModelError::Syntax { .. }), "{error}");
         assert!(error.to_string().contains("truncated"), "{error}");
     }
@@ -223,13 +223,13 @@ fn a_changed_number_breaks_the_checksum() {
     let text = to_text(&model());
     let changed = text.replacen("1.7", "1.8", 1);
     assert_ne!(changed, text);
-    assert!(matches!(folder.refusal(&changed), ModelError::Checksum { .. }));
+    assert!(matches!(folder.error_of(&changed), ModelError::Checksum { .. }));
 }
 
 #[test]
 fn another_schema_is_reported_before_its_body_is_looked_at() {
     let folder = Folder::new("schema");
-    let error = folder.refusal("(schema: \"tprmp-model/9\", checksum: \"\", body: (new: [1, 2]))");
+    let error = folder.error_of("(schema: \"tprmp-model/9\", checksum: \"\", body: (new: [1, 2]))");
     match error {
         ModelError::Schema { found, .. } => assert_eq!(found, "tprmp-model/9"),
         other => panic!("{other}"),
@@ -240,7 +240,7 @@ fn another_schema_is_reported_before_its_body_is_looked_at() {
 fn unknown_keys_are_refused() {
     let folder = Folder::new("unknown");
     let text = to_text(&model()).replacen("damping_1_s:", "dampening: 1.0, damping_1_s:", 1);
-    let error = folder.refusal(&text);
+    let error = folder.error_of(&text);
     assert!(matches!(error, ModelError::Syntax { .. }));
     assert!(error.to_string().contains("dampening"), "{error}");
 }

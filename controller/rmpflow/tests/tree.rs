@@ -371,7 +371,7 @@ proptest! {
 }
 
 #[test]
-fn a_link_that_is_blocked_is_led_around_the_obstacle() {
+fn a_link_that_is_blocked_goes_around_the_obstacle() {
     // Balls in the path of the outermost link: each holds it, or hardly, without the steering.
     let pull = Pull { goal: DVec3::new(0.7, 1.0, 0.0) };
     let run = |steering: Option<Steering>, ball: DVec3| {

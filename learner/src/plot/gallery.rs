@@ -119,7 +119,7 @@ impl<'a> Gallery<'a> {
         let figure = figures::gaussians(planar, &placed, &self.paths, &self.gaussians);
         let caption = format!(
             "The K = {} Gaussians of the mixture in canonical coordinates, in which all \
-             demonstrations share their frames: ellipses at two standard deviations{}.",
+             demonstrations have their frames in common: ellipses at two standard deviations{}.",
             self.gaussians.len(),
             if planar { "" } else { ", the outlines of the ellipsoids" }
         );

@@ -38,8 +38,8 @@ pub(crate) fn skill_text(template: &str) -> String {
         .replace("\"object\"", "\"end\"")
         .replace("\"pick\"", "\"made_up\"")
         .replace("\"planar\"", "\"made_up\"")
-        .replace("\"../demonstrations/pick\"", "\"shown\"")
-        .replace("\"../demonstrations/planar\"", "\"shown\"")
+        .replace("\"../demonstrations/pick\"", "\"demonstrated\"")
+        .replace("\"../demonstrations/planar\"", "\"demonstrated\"")
         .replace("random_starts: 100", "random_starts: 20")
         .replace("displaced_starts: 100", "displaced_starts: 20")
 }

@@ -16,7 +16,7 @@ NEED_A_REASON = tuple(kind for kind in GOALS if kind not in ("jumping by 1 m", "
 
 @dataclass(frozen=True)
 class Verdict:
-    """One demand on one experiment."""
+    """One requirement of one experiment."""
 
     experiment: str
     must: str
@@ -25,15 +25,15 @@ class Verdict:
 
 
 def verdicts(rows: list[dict]) -> list[Verdict]:
-    """The demands on every experiment that has rows."""
+    """The requirements of every experiment that has rows."""
     found = []
     for experiment in dict.fromkeys(row["experiment"] for row in rows):
         own = [row for row in rows if row["experiment"] == experiment]
-        found += [Verdict(experiment, *demand) for demand in _demands(experiment, own)]
+        found += [Verdict(experiment, *requirement) for requirement in _requirements(experiment, own)]
     return found
 
 
-def _demands(experiment: str, rows: list[dict]) -> Iterator[tuple[str, str, bool]]:
+def _requirements(experiment: str, rows: list[dict]) -> Iterator[tuple[str, str, bool]]:
     """What must hold, what was measured, and whether it holds."""
     count = len(rows)
     if experiment in PICKED_MIN:

@@ -380,7 +380,7 @@ mod tests {
             assert!(message.contains(&format!("`{old}` is now `{new}`")), "{message}");
             assert!(message.contains("arm_pick.ron`, line "), "{message}");
         }
-        let faults = faults_of(|t| t.replace("_fraction:", "_share:"));
+        let faults = faults_of(|t| t.replace("_fraction:", "_share:")); // the old names
         assert!(faults.len() >= 8, "all at once: {faults:?}");
     }
 
