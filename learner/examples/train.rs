@@ -8,6 +8,10 @@ use tprmp_learner::report;
 use tprmp_learner::train::train;
 use tprmp_model::skill_model;
 
+/// Learns the shipped planar skill and prints what was learned.
+///
+/// # Errors
+/// Whatever keeps it from being learned or written.
 pub fn main() -> Result<(), Box<dyn Error>> {
     // The skill file names its demonstrations, and every number that was chosen.
     let skill = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/skills/planar.ron");

@@ -57,8 +57,8 @@ enum Command {
     /// Formats, by extension:
     ///   .json  several demonstrations in the thesis' layout
     ///   .csv   one demonstration: header with time_s and x_m, y_m [, z_m [, qw, qx, qy, qz]];
-    ///          its frames in <name>.frames.json: {"frames": {...}}
-    ///   .npz   one demonstration: arrays time_s, poses, frames/<name> (x y z qw qx qy qz)
+    ///          its frames in NAME.frames.json: {"frames": {...}}
+    ///   .npz   one demonstration: arrays time_s, poses, frames/NAME (x y z qw qx qy qz)
     ///   .mat   LASA handwriting: cells `demos` with pos, t, vel, dt, in mm
     ///
     /// Recorded velocities (vx_m_s ..., velocities, vel) are compared with the sampling time.
@@ -113,14 +113,14 @@ struct ImportOptions {
     /// Name of the goal frame; by default `end` in the plane, `object` in space
     #[arg(long)]
     goal_frame: Option<String>,
-    /// Resample to this time between samples [s]; first and last sample stay, so the time is
+    /// Resample to this time between samples, in seconds; first and last sample stay, so the time is
     /// rounded to a whole part of the duration
     #[arg(long, value_name = "S")]
     sampling_time_s: Option<f64>,
     /// How to resample
     #[arg(long, value_enum, default_value_t)]
     interpolation: Interpolation,
-    /// Time between the recorded samples [s], in place of what the file says
+    /// Time between the recorded samples, in seconds, in place of what the file says
     #[arg(long, value_name = "S")]
     recorded_at_s: Option<f64>,
     /// Take the frames with which the thesis learned a demonstration, where its file has them

@@ -19,7 +19,7 @@
 //! simulated clock: no consumer assumes a rate or an epoch).
 //!
 //! iceoryx2 compares only type name, size and alignment when a service is opened: the version
-//! stands in the type name, padding is explicit and every offset is asserted in [`layout`].
+//! stands in the type name, padding is explicit and every offset is asserted in `layout.rs`.
 //!
 //! A state publisher (`examples/state_publisher.rs` is one that moves):
 //!

@@ -52,6 +52,7 @@ impl Drop for Folder {
     }
 }
 
+#[expect(clippy::too_many_lines, reason = "a whole model, key by key")]
 fn model() -> SkillModel {
     let pose = |x: f64| Pose { position_m: [x, 0.0, 0.0], quaternion_wxyz: [1.0, 0.0, 0.0, 0.0] };
     let component = |x: f64, size: f64, potential: f64| Component {

@@ -3,6 +3,13 @@
 //! A leaf needs three things: its task map (here the height above the rail), its force and metric there, and
 //! the pullback to the robot's coordinates.
 
+#![allow(
+    clippy::disallowed_types,
+    clippy::disallowed_methods,
+    clippy::disallowed_macros,
+    reason = "a program may do what the crate never does"
+)]
+
 use glam::DVec3;
 use nalgebra::{Matrix1, Matrix1x2, Matrix2, Vector1, Vector2};
 use tprmp_rmpflow::leaves::{

@@ -42,6 +42,15 @@
 //! # Ok::<(), tprmp_rmpflow::ResolveError>(())
 //! ```
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_types,
+        clippy::disallowed_methods,
+        clippy::disallowed_macros,
+        reason = "tests may do what the crate never does"
+    )
+)]
 #![allow(clippy::needless_range_loop, reason = "formulas with matrices are written with indices")]
 
 mod lanes;

@@ -1,5 +1,12 @@
 //! A ball that is drawn to a goal through obstacles goes around them, smoothly.
 
+#![allow(
+    clippy::disallowed_types,
+    clippy::disallowed_methods,
+    clippy::disallowed_macros,
+    reason = "tests may do what the crate never does"
+)]
+
 use glam::{DQuat, DVec3};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;

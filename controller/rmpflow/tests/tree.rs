@@ -1,5 +1,12 @@
 //! The tree on a planar arm of three joints: its energy falls, limits hold, nothing touches.
 
+#![allow(
+    clippy::disallowed_types,
+    clippy::disallowed_methods,
+    clippy::disallowed_macros,
+    reason = "tests may do what the crate never does"
+)]
+
 use glam::{DQuat, DVec2, DVec3};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 use proptest::prelude::*;

@@ -10,27 +10,27 @@ use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
 use crate::dataset::SkillSet;
 
-/// Step of all rollouts, as in the thesis [s].
+/// Step of all rollouts, as in the thesis \[s\].
 pub const STEP_S: f64 = 0.01;
-/// How long a rollout may take [s].
+/// How long a rollout may take \[s\].
 pub const DURATION_S: f64 = 20.0;
 /// Angular speed of the goal on its circle, as in the thesis [rad/s].
 pub const CIRCLE_SPEED_RAD_S: f64 = std::f64::consts::PI;
-/// Radius of that circle where nothing else is said [m].
+/// Radius of that circle where nothing else is said \[m\].
 pub const CIRCLE_RADIUS_M: f64 = 0.2;
 
 /// How the goal frame moves until the body is near the goal; then it stops.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GoalMotion {
-    /// Radius of its circle around where it was demonstrated [m].
+    /// Radius of its circle around where it was demonstrated \[m\].
     pub radius_m: f64,
     /// Angular speed on the circle [rad/s].
     pub speed_rad_s: f64,
-    /// How far it turns about z to either side [rad].
+    /// How far it turns about z to either side \[rad\].
     pub rotation_rad: f64,
     /// Angular frequency of that [rad/s].
     pub rotation_speed_rad_s: f64,
-    /// It stops when the body is so near [m].
+    /// It stops when the body is so near \[m\].
     pub stops_within_m: f64,
 }
 
@@ -66,16 +66,16 @@ impl GoalMotion {
 /// A force for a while, across the motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Push {
-    /// Size [N].
+    /// Size \[N\].
     pub force_n: f64,
-    /// When it begins and ends [s].
+    /// When it begins and ends \[s\].
     pub during_s: [f64; 2],
     /// With the direction (v_y, v_x), which is not orthogonal, as in the thesis' code.
     pub as_published: bool,
 }
 
 impl Push {
-    /// The force at a time, on a body of this velocity [N].
+    /// The force at a time, on a body of this velocity \[N\].
     #[must_use]
     pub fn force(&self, time_s: f64, velocity: DVec3) -> DVec3 {
         let [from, to] = self.during_s;
@@ -95,9 +95,9 @@ impl Push {
 /// A ball (in the plane: a disc) that goes along with half the goal's transforms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ball {
-    /// Centre when the goal is where it was demonstrated [m].
+    /// Centre when the goal is where it was demonstrated \[m\].
     pub center: DVec3,
-    /// Radius [m].
+    /// Radius \[m\].
     pub radius_m: f64,
     /// How the body avoids it.
     pub avoidance: Avoidance,
@@ -141,9 +141,9 @@ pub struct Conditions {
     pub start: Body,
     /// As in the thesis, the goal stops when the body is near the goal that the policy itself has.
     pub own_goal: bool,
-    /// Step [s].
+    /// Step \[s\].
     pub step_s: f64,
-    /// Longest duration [s].
+    /// Longest duration \[s\].
     pub duration_s: f64,
     /// How the goal frame moves.
     pub goal_motion: GoalMotion,

@@ -29,13 +29,13 @@ pub struct RunOutcome {
     pub path: Vec<Pose>,
     /// Positions of the goal, as many.
     pub goals: Vec<DVec3>,
-    /// Distance to the true goal at the end [m].
+    /// Distance to the true goal at the end \[m\].
     pub goal_error_m: f64,
-    /// Angle to it [rad]; zero in the plane.
+    /// Angle to it \[rad\]; zero in the plane.
     pub goal_error_rad: f64,
     /// Largest acceleration [m/s²].
     pub acceleration_max_m_s2: f64,
-    /// Least distance to the obstacle's surface, negative when it was touched [m].
+    /// Least distance to the obstacle's surface, negative when it was touched \[m\].
     pub clearance_min_m: Option<f64>,
     /// Largest rise of V in a step beyond rounding, as a fraction of what V falls by on the path.
     pub energy_rise_max: f64,
@@ -43,7 +43,7 @@ pub struct RunOutcome {
     pub stopped_at: usize,
     /// Whether the body came so near to the goal that it stopped.
     pub touched: bool,
-    /// Distance to the policy's own goal at the thesis' stop, as the thesis measures it [m].
+    /// Distance to the policy's own goal at the thesis' stop, as the thesis measures it \[m\].
     pub own_goal_error_m: f64,
 }
 

@@ -28,9 +28,9 @@ pub const DEMONSTRATIONS_MIN: usize = 3;
 /// What the regression knows of a demonstration.
 #[derive(Clone, Debug)]
 pub struct Observation {
-    /// Translation [m] and rotation [rad] of its goal frame against its start frame.
+    /// Translation \[m\] and rotation \[rad\] of its goal frame against its start frame.
     pub shift: [DVec3; 2],
-    /// Positions and rotations y° at the compared phases [ŷ].
+    /// Positions and rotations y° at the compared phases \[ŷ\].
     pub path: Vec<[DVec3; 2]>,
 }
 

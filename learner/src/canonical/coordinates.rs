@@ -19,7 +19,7 @@ use crate::canonical::savitzky_golay::smooth;
 use crate::demonstration::Demonstration;
 use crate::skill::{FitSettings, Skill};
 
-/// Largest angle between a demonstrated orientation and the goal's [rad]: the chart ends at π, and its
+/// Largest angle between a demonstrated orientation and the goal's \[rad\]: the chart ends at π, and its
 /// derivatives grow without bound before.
 pub const ANGLE_MAX_RAD: f64 = 0.95 * std::f64::consts::PI;
 
@@ -47,9 +47,9 @@ pub struct CanonicalDemonstration {
     pub times: Vec<f64>,
     /// Phase of each sample, with its first two derivatives in time [1, 1/s, 1/s²].
     pub phases: Vec<[f64; 3]>,
-    /// Positions [m].
+    /// Positions \[m\].
     pub position: Path,
-    /// Rotation vectors at the goal [rad]; all zero for skills without an orientation.
+    /// Rotation vectors at the goal \[rad\]; all zero for skills without an orientation.
     pub rotation: Path,
 }
 

@@ -5,7 +5,7 @@ use glam::DVec3;
 /// A path with its first two derivatives, one entry a sample. Unit u is m or rad.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Path {
-    /// Points [u].
+    /// Points \[u\].
     pub points: Vec<DVec3>,
     /// Velocities [u/s].
     pub velocities: Vec<DVec3>,

@@ -33,7 +33,7 @@ pub struct PhaseProfile {
 }
 
 impl PhaseProfile {
-    /// The profile in demonstrations of this duration [s] that are learned from with these settings.
+    /// The profile in demonstrations of this duration \[s\] that are learned from with these settings.
     #[must_use]
     pub fn of(fit: &FitSettings, duration_s: f64) -> Self {
         match fit {

@@ -10,7 +10,7 @@ use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 /// A free body.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
-    /// Time since the start [s].
+    /// Time since the start \[s\].
     pub time_s: f64,
     /// Its pose.
     pub pose: Pose,
@@ -31,7 +31,7 @@ impl Body {
 pub struct DesiredMotion {
     /// M a = f on \[linear; angular\].
     pub natural: Natural<6>,
-    /// V [J], not a number for policies without one.
+    /// V \[J\], not a number for policies without one.
     pub energy: f64,
 }
 
@@ -116,7 +116,7 @@ impl PolicyInstance<'_> {
         self.state.restart();
     }
 
-    /// V of the policy at rest at the goal [J]; it starts anew afterwards.
+    /// V of the policy at rest at the goal \[J\]; it starts anew afterwards.
     pub fn energy_at(&mut self, frames: &[MovingPose], goal: &Pose) -> f64 {
         self.state.resume(Phase { value: 1.0, rate_1_s: 0.0 });
         let energy = self.evaluate(frames, &Body::at_rest(*goal)).energy;

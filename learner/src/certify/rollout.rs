@@ -16,7 +16,7 @@ pub struct RolloutSpec {
     pub manifold: Manifold,
     /// The body at the start.
     pub start: Body,
-    /// Step [s].
+    /// Step \[s\].
     pub step_s: f64,
     /// Steps at most.
     pub steps: usize,
@@ -119,9 +119,9 @@ pub struct Target {
 /// How near to its goal a rollout came, and how V went.
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
-    /// Final distance to the goal [m].
+    /// Final distance to the goal \[m\].
     pub goal_error_m: f64,
-    /// Final angle to the goal [rad]; zero when orientation is free.
+    /// Final angle to the goal \[rad\]; zero when orientation is free.
     pub goal_error_rad: f64,
     /// V at the start above that at the goal.
     pub energy_at_start: f64,

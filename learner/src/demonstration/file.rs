@@ -15,9 +15,9 @@ use crate::file_error::{FileError, read_text};
 pub const SCHEMA: &str = "tprmp-demonstration/1";
 /// Fewest points of a demonstration.
 pub const POINTS_MIN: usize = 10;
-/// Positions farther away are refused [m]: no unit of length is so far off, and nothing overflows.
+/// Positions farther away are refused \[m\]: no unit of length is so far off, and nothing overflows.
 pub const POSITION_MAX_M: f64 = 1e6;
-/// Longest demonstration [s]: a longer one has a wrong sampling time.
+/// Longest demonstration \[s\]: a longer one has a wrong sampling time.
 pub const DURATION_MAX_S: f64 = 600.0;
 /// How far the length of a quaternion may be from one before it is refused; within, it is
 /// normalised. Files are written with six decimals.
@@ -34,7 +34,7 @@ pub struct Demonstration {
     pub skill: String,
     /// Space of the poses.
     pub manifold: Manifold,
-    /// Time between samples [s].
+    /// Time between samples \[s\].
     pub sampling_time_s: f64,
     /// Start frame, in the robot's base frame.
     pub start: Pose,

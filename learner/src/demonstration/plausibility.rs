@@ -80,7 +80,7 @@ fn steps(demonstration: &Demonstration) -> Vec<f64> {
     pairs.map(|p| (p[1].position - p[0].position).length()).collect()
 }
 
-/// Angle between two orientations [rad].
+/// Angle between two orientations \[rad\].
 pub fn angle(a: &Pose, b: &Pose) -> f64 {
     let rotation = a.orientation.conjugate() * b.orientation;
     2.0 * rotation.xyz().length().atan2(rotation.w.abs())

@@ -10,7 +10,7 @@ use crate::skill::FieldSettings;
 /// A demonstration of one block in normalised coordinates ẑ: ŷ, and last the phase times its length.
 #[derive(Clone, Debug)]
 pub struct BlockPath<const N: usize> {
-    /// Points [ŷ].
+    /// Points \[ŷ\].
     pub points: Vec<SVector<f64, N>>,
     /// Velocities [ŷ/s].
     pub velocities: Vec<SVector<f64, N>>,
@@ -21,7 +21,7 @@ pub struct BlockPath<const N: usize> {
 /// The field is asked for this acceleration at this point and velocity.
 #[derive(Clone, Copy, Debug)]
 pub struct Target<const N: usize> {
-    /// Point [ŷ].
+    /// Point \[ŷ\].
     pub point: SVector<f64, N>,
     /// Velocity [ŷ/s].
     pub velocity: SVector<f64, N>,
@@ -34,7 +34,7 @@ pub struct Target<const N: usize> {
 /// The field is asked to descend at this point in this direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Descent<const N: usize> {
-    /// Point [ŷ].
+    /// Point \[ŷ\].
     pub point: SVector<f64, N>,
     /// Unit direction.
     pub direction: SVector<f64, N>,

@@ -51,7 +51,7 @@ pub struct Sample<const D: usize> {
     pub point: SVector<f64, D>,
     /// ζ̇ [m/s, rad/s].
     pub velocity: SVector<f64, D>,
-    /// Time until the next sample [s].
+    /// Time until the next sample \[s\].
     pub step_s: f64,
 }
 

@@ -17,7 +17,7 @@ const GOAL_FRACTION: f64 = 0.02;
 /// Faults nearer to each other than this fraction of the phase are one: less than a component's width.
 const SAME: f64 = 0.02;
 
-/// The least fall of the potential along the valley towards the goal, by the phase [J], outside of the
+/// The least fall of the potential along the valley towards the goal, by the phase \[J\], outside of the
 /// goal's surroundings, and the points at which it does not fall, one in each stretch of them.
 ///
 /// `phase_length` is the last coordinate of the goal: what the phase one stands for. Where there is no

@@ -34,8 +34,8 @@ pub(super) fn pose_of(row: &[f64]) -> Result<Pose, String> {
         Some(q) => {
             let q = DQuat::from_xyzw(q[1], q[2], q[3], q[0]);
             let length = q.length();
-            // Not a number is refused, too.
-            if !((length - 1.0).abs() <= QUATERNION_TOLERANCE) {
+            let off = (length - 1.0).abs();
+            if off.is_nan() || off > QUATERNION_TOLERANCE {
                 return Err(format!(
                     "expected a unit quaternion w, x, y, z, found one of length {length:.6}"
                 ));

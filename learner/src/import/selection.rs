@@ -26,11 +26,11 @@ pub struct Selection {
     pub start_frame: Option<String>,
     /// Name of the goal frame; by default `end` in the plane, `object` in space.
     pub goal_frame: Option<String>,
-    /// Time between samples to bring the demonstrations to [s].
+    /// Time between samples to bring the demonstrations to \[s\].
     pub sampling_time_s: Option<f64>,
     /// How.
     pub interpolation: Interpolation,
-    /// Time between recorded samples in place of the file's own times [s].
+    /// Time between recorded samples in place of the file's own times \[s\].
     pub recorded_at_s: Option<f64>,
     /// The frames with which the thesis learned a demonstration in place of its own, where a file of
     /// the thesis' layout has them.

@@ -51,11 +51,11 @@ impl Components {
 pub struct Candidate {
     /// K.
     pub components: usize,
-    /// ln L of all samples together [nat].
+    /// ln L of all samples together \[nat\].
     pub log_likelihood: f64,
     /// p(K).
     pub parameters: usize,
-    /// BIC(K) [nat].
+    /// BIC(K) \[nat\].
     pub bic: f64,
     /// A component holds no samples: this K cannot be learned.
     pub empty: bool,

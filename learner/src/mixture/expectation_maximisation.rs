@@ -58,7 +58,7 @@ pub struct Maximised {
     pub times: Vec<f64>,
     /// Gaussians of each view.
     pub gaussians: Vec<Vec<Gaussian>>,
-    /// Mean log-likelihood of a sample after each maximisation [nat].
+    /// Mean log-likelihood of a sample after each maximisation \[nat\].
     pub log_likelihoods: Vec<f64>,
 }
 

@@ -61,7 +61,7 @@ pub struct TpGmm {
     pub phase_length: f64,
     /// Gaussians seen from each frame.
     pub frames: Vec<(String, Vec<Gaussian>)>,
-    /// Mean log-likelihood of a sample after each iteration [nat].
+    /// Mean log-likelihood of a sample after each iteration \[nat\].
     pub log_likelihoods: Vec<f64>,
     /// Free parameters of the model.
     pub parameters: usize,

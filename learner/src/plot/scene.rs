@@ -16,7 +16,7 @@ use tprmp_drawing::Ellipsoid;
 
 /// Step of the rollouts [s].
 const STEP_S: f64 = 2e-3;
-/// Time between the poses of a rollout [s], and how many steps that is.
+/// Time between the poses of a rollout \[s\], and how many steps that is.
 pub const SAMPLE_S: f64 = 1e-2;
 const SAMPLE_STEPS: usize = 5;
 /// Bound on the duration of a rollout [s].
@@ -30,9 +30,9 @@ const ARRIVED_RAD: f64 = 5e-3;
 /// at which the point is most at home.
 #[derive(Debug, Clone, Copy)]
 pub struct Sample {
-    /// Φ above that of the goal [J].
+    /// Φ above that of the goal \[J\].
     pub potential: f64,
-    /// −∇Φ [N].
+    /// −∇Φ \[N\].
     pub force: DVec3,
     /// −M⁻¹∇Φ [m/s²].
     pub acceleration: DVec3,
@@ -86,7 +86,7 @@ impl<'a> Skill<'a> {
         self.map.transforms(&frames).expect("they are the model's frames")
     }
 
-    /// How far it is from the start to the farthest of the other frames [m].
+    /// How far it is from the start to the farthest of the other frames \[m\].
     pub fn way(&self) -> f64 {
         let start = DVec3::from_array(self.model.canonical.start.position_m);
         let points = self.map.anchors().iter().map(|anchor| anchor.point);

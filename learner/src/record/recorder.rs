@@ -299,19 +299,23 @@ mod tests {
         }
 
         fn recorded(&self) -> Vec<&Recorded> {
-            let recorded = |event| match event {
-                &Event::Recorded(ref recorded) => Some(&**recorded),
-                _ => None,
-            };
-            self.events.iter().filter_map(recorded).collect()
+            let mut found = Vec::new();
+            for event in &self.events {
+                if let Event::Recorded(recorded) = event {
+                    found.push(&**recorded);
+                }
+            }
+            found
         }
 
         fn refusals(&self) -> Vec<&str> {
-            let reason = |event| match event {
-                &Event::Refused(ref why) => Some(why.as_str()),
-                _ => None,
-            };
-            self.events.iter().filter_map(reason).collect()
+            let mut found = Vec::new();
+            for event in &self.events {
+                if let Event::Refused(why) = event {
+                    found.push(why.as_str());
+                }
+            }
+            found
         }
     }
 

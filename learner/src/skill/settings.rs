@@ -68,7 +68,7 @@ impl FitSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Smoothing {
-    /// Length of the window [s].
+    /// Length of the window \[s\].
     pub window_s: f64,
     /// Degree of the polynomial.
     pub degree: usize,
@@ -84,9 +84,9 @@ pub struct Smoothing {
 pub struct Scale {
     /// Span of the demonstrations in ŷ.
     pub span: f64,
-    /// A smaller span of the positions is taken as this [m].
+    /// A smaller span of the positions is taken as this \[m\].
     pub position_span_min_m: f64,
-    /// A smaller span of the orientations is taken as this [rad].
+    /// A smaller span of the orientations is taken as this \[rad\].
     pub orientation_span_min_rad: f64,
 }
 
@@ -127,7 +127,7 @@ pub struct Mixture {
     pub ordering: Ordering,
     /// Most iterations; fewer when the likelihood changes no more.
     pub iterations: u32,
-    /// Added to the covariances' diagonal in each iteration [ŷ²].
+    /// Added to the covariances' diagonal in each iteration \[ŷ²\].
     pub regularisation: f64,
     /// Factor on the covariances after the last iteration.
     pub covariance_scale: f64,
@@ -175,7 +175,7 @@ pub struct FieldSettings {
     /// A demonstration that begins in motion is followed from rest, and caught up with at this multiple
     /// of the damping.
     pub catch_up_ratio: f64,
-    /// σ₀: M_k = γ (C_k + σ₀² I)⁻¹ [ŷ].
+    /// σ₀: M_k = γ (C_k + σ₀² I)⁻¹ \[ŷ\].
     pub activation_width: f64,
     /// Width over which components pass into each other, as a fraction of the phase between two of them.
     pub phase_overlap: f64,
@@ -183,7 +183,7 @@ pub struct FieldSettings {
     pub phase_weight: f64,
     /// γ in M_k.
     pub metric_scale: f64,
-    /// Offsets of the tube points from the demonstrations [ŷ].
+    /// Offsets of the tube points from the demonstrations \[ŷ\].
     pub tube_offsets: Vec<f64>,
     /// A tube point is dropped when another part of the path is nearer than this fraction of its offset.
     pub tube_clearance_fraction: f64,
@@ -199,21 +199,21 @@ pub struct FieldSettings {
     pub descent_weight: f64,
     /// ε: least speed of descent along the demonstrations [ŷ/s].
     pub descent_speed: f64,
-    /// Distance to the goal below which this speed falls to zero [ŷ].
+    /// Distance to the goal below which this speed falls to zero \[ŷ\].
     pub descent_slowdown: f64,
-    /// Distance over which the direction of descent turns towards the demonstration [ŷ].
+    /// Distance over which the direction of descent turns towards the demonstration \[ŷ\].
     pub descent_attraction: f64,
-    /// Distance within which the direction of descent is the goal's [ŷ].
+    /// Distance within which the direction of descent is the goal's \[ŷ\].
     pub descent_goal_radius: f64,
     /// Every how many samples descent is a constraint.
     pub descent_stride: usize,
     /// Seeded random points at which descent is a constraint besides.
     pub descent_points_random: usize,
-    /// Random points nearer to the goal are left to its Hessian [ŷ].
+    /// Random points nearer to the goal are left to its Hessian \[ŷ\].
     pub descent_goal_distance_min: f64,
-    /// How far in each coordinate they lie from the demonstrations [ŷ].
+    /// How far in each coordinate they lie from the demonstrations \[ŷ\].
     pub descent_radius: f64,
-    /// How far in the phase, times its length [ŷ].
+    /// How far in the phase, times its length \[ŷ\].
     pub descent_phase_radius: f64,
     /// How often the fit may be solved again with more weight where its valley does not fall.
     pub refinement_rounds_max: usize,
@@ -221,7 +221,7 @@ pub struct FieldSettings {
     pub refinement_weight: f64,
     /// Random points around a fault of the valley that are refined with it …
     pub refinement_points: usize,
-    /// … within half the side of this box [ŷ].
+    /// … within half the side of this box \[ŷ\].
     pub refinement_radius: f64,
     /// Fewest samples of a demonstration that a stride leaves, so that sparsely sampled demonstrations
     /// count as well.
@@ -232,7 +232,7 @@ pub struct FieldSettings {
     pub goal_hessian_min_1_s2: f64,
     /// λ: weight of ‖C p‖².
     pub regularisation: f64,
-    /// Length at which the parameters are compared by C [ŷ].
+    /// Length at which the parameters are compared by C \[ŷ\].
     pub regularisation_length: f64,
     /// How the path adapts to its goal.
     pub adaptation: AdaptationSettings,
@@ -282,7 +282,7 @@ pub struct ThesisSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KaiserSmoothing {
-    /// Length of the window [s].
+    /// Length of the window \[s\].
     pub window_s: f64,
     /// β: the larger, the narrower the window.
     pub shape: f64,
@@ -302,21 +302,21 @@ pub enum DampingTarget {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Certification {
-    /// Longest rollout [s].
+    /// Longest rollout \[s\].
     pub horizon_s: f64,
-    /// Step of the rollouts from the demonstrated starts, that of a fast controller [s].
+    /// Step of the rollouts from the demonstrated starts, that of a fast controller \[s\].
     pub demonstration_step_s: f64,
-    /// Step of the rollouts from random starts, that of a slow controller [s].
+    /// Step of the rollouts from random starts, that of a slow controller \[s\].
     pub step_s: f64,
     /// Random starts with the frames of the demonstrations.
     pub random_starts: u32,
     /// Random starts with displaced frames.
     pub displaced_starts: u32,
-    /// Radius around the demonstrated points in which they lie [ŷ].
+    /// Radius around the demonstrated points in which they lie \[ŷ\].
     pub random_start_radius: f64,
     /// How far frames are displaced, as a fraction of the distance between start frame and goal.
     pub frame_translation_fraction: f64,
-    /// How far frames are rotated [rad].
+    /// How far frames are rotated \[rad\].
     pub frame_rotation_rad: f64,
     /// A rollout stops once it is nearer to the goal than this fraction of the tolerance.
     pub arrival_fraction: f64,
@@ -324,8 +324,8 @@ pub struct Certification {
     pub goal_gradient_max: f64,
     /// Largest rise of the energy in a step, relative to that at the start.
     pub energy_rise_max: f64,
-    /// A rollout reached the goal when it ends this near [m].
+    /// A rollout reached the goal when it ends this near \[m\].
     pub goal_tolerance_m: f64,
-    /// … and this near [rad].
+    /// … and this near \[rad\].
     pub goal_tolerance_rad: f64,
 }

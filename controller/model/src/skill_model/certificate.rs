@@ -14,7 +14,7 @@ pub struct Certificate {
     pub demonstrated_frames: Rollouts,
     /// The same with displaced and rotated frames.
     pub displaced_frames: Rollouts,
-    /// Step of these rollouts [s].
+    /// Step of these rollouts \[s\].
     pub step_s: f64,
 }
 
@@ -60,9 +60,9 @@ pub struct Rollouts {
     pub starts: u32,
     /// Starts from which the goal was reached.
     pub reached: u32,
-    /// Largest final distance to the goal [m].
+    /// Largest final distance to the goal \[m\].
     pub goal_error_max_m: f64,
-    /// Largest final angle to the goal [rad].
+    /// Largest final angle to the goal \[rad\].
     pub goal_error_max_rad: f64,
     /// Largest rise of `V = Φ + ½żᵀMż` in a step, relative to its value at the start above that at the
     /// goal.

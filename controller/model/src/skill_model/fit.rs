@@ -94,7 +94,7 @@ named! {
         ValleyFaults = "valley faults",
         /// Normalised units ŷ a unit [1/m or 1/rad].
         LengthScale = "normalised units a unit",
-        /// Normalised length of the phase [ŷ].
+        /// Normalised length of the phase \[ŷ\].
         PhaseLength = "normalised length of the phase",
         /// Samples of the demonstrations that entered.
         Samples = "samples",
@@ -161,14 +161,14 @@ pub struct ActiveConstraints {
 pub struct DemonstrationRollout {
     /// File name of the demonstration.
     pub name: String,
-    /// Distance to the goal at the end [m].
+    /// Distance to the goal at the end \[m\].
     pub goal_error_m: f64,
-    /// Angle to the goal at the end [rad].
+    /// Angle to the goal at the end \[rad\].
     pub goal_error_rad: f64,
-    /// Root of the mean square distance to the demonstration at the same time [m].
+    /// Root of the mean square distance to the demonstration at the same time \[m\].
     pub tracking_rms_m: f64,
-    /// The same for the angle [rad].
+    /// The same for the angle \[rad\].
     pub tracking_rms_rad: f64,
-    /// Root of the mean square distance to the rollout's nearest point, whatever the time [m].
+    /// Root of the mean square distance to the rollout's nearest point, whatever the time \[m\].
     pub path_rms_m: f64,
 }

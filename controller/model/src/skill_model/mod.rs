@@ -5,7 +5,7 @@
 //! comments and layout may change, numbers may not. Files of the last version's schema are read too.
 //!
 //! *Canonical coordinates* are those of the space in which all demonstrations share their start
-//! frame and goal frame [m], and, for the orientation, the rotation vector at the goal,
+//! frame and goal frame \[m\], and, for the orientation, the rotation vector at the goal,
 //! `q_y = q_g · exp(y_r)` [rad, full angle]. So the goal of the orientation block is `y_r = 0`.
 //!
 //! The canonical policy has a field for each block, on z = (y, s) with the phase s as last coordinate, 0 at

@@ -55,7 +55,7 @@ impl std::fmt::Display for Manifold {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Pose {
-    /// Position [m].
+    /// Position \[m\].
     pub position_m: [f64; 3],
     /// Unit quaternion w, x, y, z.
     pub quaternion_wxyz: [f64; 4],
@@ -96,9 +96,9 @@ pub struct SkillModel {
 pub enum PolicyModel {
     /// Fields in canonical coordinates.
     Canonical {
-        /// Position field [m].
+        /// Position field \[m\].
         position: FieldModel,
-        /// Orientation field [rad]; present exactly when the manifold has an orientation.
+        /// Orientation field \[rad\]; present exactly when the manifold has an orientation.
         orientation: Option<FieldModel>,
     },
     /// The thesis': a product of Gaussians.
@@ -133,7 +133,7 @@ pub struct FrameMixture {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrameGaussian {
-    /// Mean position in the frame [m]; two numbers in the plane.
+    /// Mean position in the frame \[m\]; two numbers in the plane.
     pub position_m: Vec<f64>,
     /// Mean orientation in the frame, unit quaternion w, x, y, z; for manifolds that have one.
     pub quaternion_wxyz: Option<[f64; 4]>,
@@ -168,11 +168,11 @@ pub struct Canonical {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Adaptation {
-    /// ℓ_p: largest displacement of the goal frame in the demonstrations [m]; 0 without any.
+    /// ℓ_p: largest displacement of the goal frame in the demonstrations \[m\]; 0 without any.
     pub reach_m: f64,
-    /// ℓ_r: largest rotation of the goal frame in the demonstrations [rad]; 0 without any.
+    /// ℓ_r: largest rotation of the goal frame in the demonstrations \[rad\]; 0 without any.
     pub reach_rad: f64,
-    /// E_j for each of the B-splines over the phase, row by row: position [m] before rotation [rad];
+    /// E_j for each of the B-splines over the phase, row by row: position \[m\] before rotation \[rad\];
     /// columns: displacement before rotation.
     pub coefficients: Vec<[[f64; COORDINATES]; COORDINATES]>,
 }
@@ -201,7 +201,7 @@ pub struct Waypoint {
     pub frame: String,
     /// The frame.
     pub pose: Pose,
-    /// Where the tool passes it [m]: there the path is fixed to the frame.
+    /// Where the tool passes it \[m\]: there the path is fixed to the frame.
     pub point_m: [f64; 3],
     /// Phase at which the tool passes it, between those of the start and the goal frame.
     pub phase: f64,
@@ -223,10 +223,10 @@ pub struct FieldModel {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Component {
-    /// Mean μ [u], and last its phase.
+    /// Mean μ \[u\], and last its phase.
     pub mean: Vec<f64>,
     /// Riemannian metric, symmetric positive definite, rows; for the goal the identity but for the
-    /// phase, whose entry is an inertia [u²].
+    /// phase, whose entry is an inertia \[u²\].
     pub metric: Vec<Vec<f64>>,
     /// Potential at the mean, φ⁰ [u²/s²].
     pub potential: f64,
@@ -236,7 +236,7 @@ pub struct Component {
     pub hessian: Vec<Vec<f64>>,
 }
 
-/// A Gaussian of the mixture in canonical coordinates: position [m] ⊕ orientation [rad].
+/// A Gaussian of the mixture in canonical coordinates: position \[m\] ⊕ orientation \[rad\].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gaussian {

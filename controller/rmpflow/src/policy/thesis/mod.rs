@@ -7,7 +7,7 @@
 //! policy.rs   M ÿ = −∇Φ − ξ − B ẏ, pulled back to the pose               [thesis eq. 4.4]
 //! ```
 //!
-//! Each equation is written once, for four components side by side in [`crate::lanes`].
+//! Each equation is written once, for four components side by side in `lanes.rs`.
 
 pub mod field;
 pub mod policy;

@@ -191,7 +191,7 @@ impl<const D: usize> ThesisPolicy<D> {
             metric_scale,
             huber_threshold,
             goal_inertia: metric_scale * trace / linear as f64,
-            groups: components.chunks(LANES).map(ComponentGroup::new).collect(),
+            groups: boxed(components.chunks(LANES).map(ComponentGroup::new)),
             components,
         })
     }
@@ -303,13 +303,19 @@ fn pull_back(leaf: &Natural<6>, chart: &Chart) -> Natural<6> {
     natural
 }
 
+/// All of them, on the heap.
+#[expect(clippy::disallowed_methods, reason = "at start-up, where a policy is built")]
+fn boxed<T>(items: impl Iterator<Item = T>) -> Box<[T]> {
+    items.collect()
+}
+
 impl<const D: usize> ComponentGroup<D> {
     /// Of one to four components, seen from as many frames.
     fn new(components: &[ThesisComponent<D>]) -> Self {
         let lanes: [_; LANES] = from_fn(|lane| &components[lane.min(components.len() - 1)]);
         let factor = |p| PoseGroup::new(lanes.map(|component| &component.gaussians[p]));
         Self {
-            factors: (0..lanes[0].gaussians.len()).map(factor).collect(),
+            factors: boxed((0..lanes[0].gaussians.len()).map(factor)),
             strongest: lanes.map(|component| strongest(&component.gaussians).unwrap_or(0)),
             presence: from_fn(|lane| f64::from(u8::from(lane < components.len()))),
             potential: lanes.map(|component| component.potential),
@@ -363,14 +369,10 @@ fn chart<L: Lanes, const D: usize>(product: &Product<L, D>, center: DQuat, resul
     let mut normaliser = product.determinant.sqrt();
     let mut precision = product.precision;
     let mut mean = [L::zero(); D];
-    for i in 0..D.min(3) {
-        mean[i] = product.position[i];
-    }
+    mean[..D.min(3)].copy_from_slice(&product.position[..D.min(3)]);
     if D == 6 {
         let away = Rotation::between(&splat_all(&center.to_array()), &product.orientation);
-        for i in 0..3 {
-            mean[i + 3] = away.vector[i];
-        }
+        mean[3..].copy_from_slice(&away.vector);
         let (jacobian, determinant) = away.left_jacobian();
         precision = congruence(&precision, &jacobian, 3);
         normaliser = normaliser * determinant;
