@@ -29,7 +29,9 @@ def verdicts(rows: list[dict]) -> list[Verdict]:
     found = []
     for experiment in dict.fromkeys(row["experiment"] for row in rows):
         own = [row for row in rows if row["experiment"] == experiment]
-        found += [Verdict(experiment, *requirement) for requirement in _requirements(experiment, own)]
+        found += [
+            Verdict(experiment, *requirement) for requirement in _requirements(experiment, own)
+        ]
     return found
 
 
