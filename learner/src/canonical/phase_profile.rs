@@ -1,22 +1,22 @@
 //! How the phase runs from 0 to 1 during a demonstration.
 //!
 //! The policy moves its phase by a potential and the damping d (see `tprmp_rmpflow::policy::canonical::field`), from
-//! rest: so the phase of the demonstrations is the solution of
+//! rest: so the phase of the demonstrations is the solution of (8a) in MATHEMATICS.md,
 //!
 //! ```text
-//! s̈ = f(s) − d ṡ     f(s) = d v tanh((1 − s)/w)     w = 4v/d     s(0) = ṡ(0) = 0
+//! s̈ = f(s) − d ṡ     f(s) = d v tanh((1 − s)/κ)     κ = 4v/d     s(0) = ṡ(0) = 0
 //! ```
 //!
 //! a constant pull before, and a spring without overshoot at the goal (f′(1) = −d²/4). A potential
 //! with this slope reproduces it without a lag. A profile that suits the eye, such as one that rises like
 //! t³, has no such potential: where s̈ + d ṡ is no smooth function of s, each error at the start grows.
 //!
-//! v is such that the phase ends, after the duration, where a fraction of w is left; that is then called
+//! v is such that the phase ends, after the duration, where a fraction of κ is left; that is then called
 //! 1. The fraction belongs to the profile and is no setting: pictures of a model draw by the same profile.
 
 use crate::skill::FitSettings;
 
-/// What is left of w when the demonstrations end: where tanh is linear to 1.3 %, so that the end is
+/// What is left of κ when the demonstrations end: where tanh is linear to 1.3 %, so that the end is
 /// approached as the policy approaches it.
 const LEFT: f64 = 0.2;
 /// Steps of the table, and of the integration: a hundred in each of the policy's time constants 1/d at

@@ -1,11 +1,11 @@
-//! The convex program of a field, in the parameters p of [`basis`](crate::fit::basis).
+//! The convex program of a field, in the parameters θ of [`basis`](crate::fit::basis): equation (8) of MATHEMATICS.md.
 //!
 //! ```text
-//! minimise    Σ_i W_i ‖M⁻¹G_i p + d v_i + a_i + M⁻¹ξ_i‖²/d² + ρ/(N d) Σ_j s_j + λ ‖C p‖²
-//!             ‖r‖² = Σ r_y² + ω r_s², with ω the phase's weight
-//! subject to  s_j ≥ 0,  s_j ≥ ε d fraction_j + t̂_jᵀ M⁻¹ G_j p        descent along the demonstrations
-//!             G(g) p = 0                                           the goal is at rest
-//!             H(g) p ⪰ h M(g)                                      and a strict minimum
+//! minimise    Σ_i W_i ‖M⁻¹G_i θ + d v_i + a_i + M⁻¹ξ_i‖²/d² + τ/(N d) Σ_j ζ_j + λ ‖C θ‖²
+//!             ‖r‖² = |r_y|² + χ r_s², with χ the phase's weight
+//! subject to  ζ_j ≥ 0,  ζ_j ≥ ε d m_j + t̂_jᵀ M⁻¹ G_j θ               descent along the demonstrations
+//!             G(g) θ = 0                                           the goal is at rest
+//!             H(g) θ ⪰ h M(g)                                      and a strict minimum
 //!             S_k,yy ⪰ h_y M_k,yy                                  one lowest point for each phase
 //!             S_1,ss ≥ 0                                           the start holds the phase
 //! ```

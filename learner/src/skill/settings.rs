@@ -195,7 +195,7 @@ pub struct FieldSettings {
     pub tube_attraction_1_s: f64,
     /// Slower samples show no direction [ŷ/s].
     pub tube_speed_min: f64,
-    /// ρ: weight of the descent constraint.
+    /// τ: weight of the descent constraint.
     pub descent_weight: f64,
     /// ε: least speed of descent along the demonstrations [ŷ/s].
     pub descent_speed: f64,

@@ -1,20 +1,20 @@
 //! Frames as a task map: where the frames go, the space goes.
 //!
 //! The canonical space is the one in which all demonstrations share their frames. The map into the
-//! world is a field of rigid transforms over the phase s of the skill. Each frame p applies at a phase
-//! s_p of its own, the start frame at 0, the goal frame at 1; in between its transform passes smoothly
+//! world is a field of rigid transforms over the phase s of the skill. Each frame n applies at a phase
+//! s_n of its own, the start frame at 0, the goal frame at 1; in between its transform passes smoothly
 //! into the next one's:
 //!
 //! ```text
-//! α_p  = ramp((s − s_p)/(s_{p+1} − s_p))
-//! c(s) = c_1 + Σ α_p (c_{p+1} − c_p)          p(s) = x_1 + Σ α_p (x_{p+1} − x_p)
-//! R(s) = exp(α_{P−1} φ_{P−1}) … exp(α_1 φ_1) Q_1        φ_p = log(Q_{p+1} Q_p⁻¹)
+//! α_n  = ramp((s − s_n)/(s_{n+1} − s_n))
+//! c(s) = c_1 + Σ α_n (c_{n+1} − c_n)          p(s) = x_1 + Σ α_n (x_{n+1} − x_n)
+//! R(s) = exp(α_{P−1} φ_{P−1}) … exp(α_1 φ_1) Q_1        φ_n = log(Q_{n+1} Q_n⁻¹)
 //! x_p  = p(s) + R(s) (y_p − c(s))              x_q = R(s) q_g exp(y_r)
 //! ```
 //!
-//! c_p is a point fixed to frame p in canonical coordinates, x_p its image in the world, Q_p the
-//! rotation of the frame against its canonical orientation. Where all α before p are 1 and all others
-//! 0, this is the transform of frame p. Positions need not rotate with the frames: a tool that comes
+//! c_n is a point fixed to frame n in canonical coordinates, x_n its image in the world, Q_n the
+//! rotation of the frame against its canonical orientation. Where all α before n are 1 and all others
+//! 0, this is the transform of frame n. Positions need not rotate with the frames: a tool that comes
 //! down on an object from above does so whatever the object's yaw. Without
 //! [`FrameMap::rotate_positions`] R = I in the line of x_p, while the line of x_q, and with it the grasp,
 //! still rotates. Orientation is charted by the full-angle rotation vector y_r at the
@@ -50,9 +50,9 @@ pub struct Anchor {
     pub index: usize,
     /// The frame.
     pub frame: Pose,
-    /// c_p, fixed to the frame \[m\].
+    /// c_n, fixed to the frame \[m\].
     pub point: DVec3,
-    /// s_p.
+    /// s_n.
     pub phase: f64,
 }
 
@@ -105,9 +105,9 @@ pub struct FrameMap {
 /// The frames as they are now, ready to map with.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameTransforms {
-    /// x_p.
+    /// x_n.
     images: [Vec3<Jet>; FRAME_CAPACITY],
-    /// φ_p.
+    /// φ_n.
     twists: [Vec3<Jet>; FRAME_CAPACITY],
     /// Q_1.
     rotation: Quat<Jet>,
