@@ -14,7 +14,7 @@ pub struct Path {
 }
 
 impl Path {
-    /// Lets a path that begins in motion begin at rest, as the policy does, and catch up: v₀ t exp(−ωt)
+    /// Lets a path that begins in motion begin at rest, as the policy does, and catch up: v₀ t exp(−bt)
     /// is taken from it, with b = `rate_1_s`. It falls behind by v₀/(e b) at most.
     pub fn start_from_rest(&mut self, rate_1_s: f64, sampling_time_s: f64) {
         let velocity = self.velocities[0];
