@@ -4,6 +4,7 @@
 # make bench         measure evaluation, training, latency and deadlines (FULL=1: 10⁵ cycles a row, hours)
 # make experiments   the experiments of the thesis and harder ones, a report (QUICK=1: a short look; DATASET=folder)
 # make experiments-arm   the whole arm in simulation: pushes, obstacles, other arms, false goals (QUICK=1: a short look)
+# make robots        the suction tool on a Franka Panda and a KUKA LBR iiwa, for panda_pick.ron and iiwa_pick.ron
 # make soak          run a controller for MINUTES=10 beside a simulator that is killed and started again
 # make lint          formatting and static checks
 SHELL := /bin/bash

@@ -13,7 +13,7 @@ use tprmp_bench::machine::{self, Cores, StealWatch};
 use tprmp_bench::results::{self, Verdict};
 use tprmp_bench::robot::{Robot, Skill};
 use tprmp_bench::role::Role;
-use tprmp_bench::statistics::{Buckets, quantile, rounded};
+use tprmp_bench::statistics::{Buckets, rounded};
 use tprmp_bench::{FIFO_PRIORITY, Fallible};
 use tprmp_controller::timing::realtime::{monotonic_ns, sleep_until};
 use tprmp_messages::{Instance, StatePublisherPorts};
@@ -202,7 +202,7 @@ fn answer(robot: &mut Robot, ports: &StatePublisherPorts) -> Option<u64> {
 }
 
 fn median(values: &[f64]) -> f64 {
-    quantile(values, 0.5)
+    tprmp_drawing::quantile(values, 0.5).unwrap_or(f64::NAN)
 }
 
 /// The promise is about the loop that spins for its states.

@@ -116,14 +116,6 @@ impl Buckets {
     }
 }
 
-/// The value below which a fraction of some values lies: one of them; not a number where there are none.
-pub fn quantile(values: &[f64], fraction: f64) -> f64 {
-    let mut values = values.to_vec();
-    values.sort_by(f64::total_cmp);
-    let last = values.len().saturating_sub(1) as f64;
-    values.get((last * fraction) as usize).copied().unwrap_or(f64::NAN)
-}
-
 /// A time to the nanosecond, `null` where there is none.
 pub fn rounded(us: f64) -> Value {
     if us.is_finite() { json!((us * 1e3).round() / 1e3) } else { Value::Null }
@@ -235,13 +227,6 @@ mod tests {
         assert_eq!((sum.above(2.0), sum.above(1.0), sum.above(8.0)), (1, 8, 0));
         assert_eq!(Buckets::from_json(&sum.to_json()), Some(sum));
         assert_eq!(Buckets::from_json(&json!([[1.0]])), None);
-    }
-
-    #[test]
-    fn a_quantile_is_one_of_the_values() {
-        let values = [3.0, 1.0, 2.0];
-        assert_eq!([0.0, 0.5, 0.9, 1.0].map(|f| quantile(&values, f)), [1.0, 2.0, 2.0, 3.0]);
-        assert!(quantile(&[], 0.5).is_nan());
     }
 
     #[test]

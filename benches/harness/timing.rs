@@ -2,8 +2,6 @@
 
 use std::time::Instant;
 
-use crate::statistics::quantile;
-
 /// Calls in a batch: so many that reading the clock does not matter, and so few that most batches
 /// run through without the machine turning to something else.
 const BATCH: usize = 16;
@@ -35,7 +33,7 @@ pub fn measure(mut work: impl FnMut()) -> Times {
         }
         *batch = since.elapsed().as_secs_f64() * 1e6 / BATCH as f64;
     }
-    let at = |fraction| quantile(&batches, fraction);
+    let at = |fraction| tprmp_drawing::quantile(&batches, fraction).unwrap_or(f64::NAN);
     Times {
         best_us: at(0.0),
         p50_us: at(0.5),

@@ -18,6 +18,7 @@ use tprmp_learner::mixture::tp_gmm::uninformative_frames;
 use tprmp_learner::skill::{FitSettings, Skill};
 use tprmp_learner::train::{Trained, learn};
 use tprmp_model::skill_model::{FrameMixture, Manifold, SkillModel};
+use tprmp_spatial::strategies::vector;
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
 /// A skill whose training is not examined, for tests that do so themselves.
@@ -243,11 +244,6 @@ fn rotated_arcs(manifold: Manifold) -> Vec<Demonstration> {
 
 fn is_thesis(skill: &Skill) -> bool {
     matches!(skill.fit, FitSettings::Thesis(_))
-}
-
-fn vector(size: f64) -> impl Strategy<Value = DVec3> {
-    let component = -size..size;
-    (component.clone(), component.clone(), component).prop_map(|(x, y, z)| DVec3::new(x, y, z))
 }
 
 proptest! {

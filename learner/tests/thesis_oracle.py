@@ -25,7 +25,7 @@ SPEED_FRACTION_MIN = 0.02
 STEP_S = 0.05
 SAMPLES = 41
 GOAL = np.array([0.6, 0.3])
-# Share of the way, and standard deviations along and across it seen from start and end [m].
+# Fraction of the path, and standard deviations along and across it seen from start and end [m].
 COMPONENTS = [
     (0.05, (0.10, 0.04), (0.22, 0.15)),
     (0.3, (0.14, 0.06), (0.20, 0.12)),

@@ -39,6 +39,8 @@ mod moving_pose;
 mod point_motion;
 mod pose;
 pub mod rotation;
+#[cfg(feature = "proptest")]
+pub mod strategies;
 mod vectors;
 
 pub use moving_pose::MovingPose;

@@ -4,11 +4,12 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{Isometry3, Matrix6, Point3, Vector3, Vector6};
 use proptest::prelude::*;
-use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist, Wrench};
+#[path = "../src/strategies.rs"]
+#[expect(unreachable_pub, reason = "public in the crate, with its feature")]
+mod strategies;
 
-fn vector(size: f64) -> impl Strategy<Value = DVec3> {
-    [-size..size, -size..size, -size..size].prop_map(DVec3::from)
-}
+use strategies::vector;
+use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist, Wrench};
 
 fn pose() -> impl Strategy<Value = Pose> {
     (vector(2.0), vector(1.7)).prop_map(|(position, rotation)| Pose {

@@ -30,6 +30,7 @@ mod figure;
 mod page;
 mod panel;
 mod projection;
+mod quantile;
 mod text;
 mod ticks;
 
@@ -41,5 +42,6 @@ pub use figure::{Figure, Sign};
 pub use page::{Cell, Page, Picture};
 pub use panel::{Anchor, Panel, Stroke};
 pub use projection::{Bounds, Ellipsoid, PLANE, SPACE, View, principal_axes};
+pub use quantile::quantile;
 pub use text::{escape, number};
 pub use ticks::decades;

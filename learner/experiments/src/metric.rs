@@ -49,21 +49,10 @@ pub(crate) fn resampled(points: &[DVec3], sampling_time_s: f64, step_s: f64) -> 
         .collect()
 }
 
-/// Quantile of values by linear interpolation between the sorted ones; not a number counts as
-/// infinite. `None` without values.
-pub(crate) fn quantile(values: &[f64], fraction: f64) -> Option<f64> {
-    let mut sorted: Vec<f64> =
-        values.iter().map(|x| if x.is_nan() { f64::INFINITY } else { *x }).collect();
-    sorted.sort_by(f64::total_cmp);
-    let last = sorted.len().checked_sub(1)?;
-    let at = fraction.clamp(0.0, 1.0) * last as f64;
-    let (low, high) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
-    Some(if low == high { low } else { low + (high - low) * at.fract() })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tprmp_drawing::quantile;
 
     fn line(xs: &[f64]) -> Vec<DVec3> {
         xs.iter().map(|x| DVec3::new(*x, 0.0, 0.0)).collect()

@@ -1,6 +1,7 @@
 //! Energy, random starts, accelerations, and the time of a control iteration.
 
 use std::time::Instant;
+use tprmp_drawing::quantile;
 
 use glam::{DQuat, DVec3};
 use rand::{Rng, SeedableRng};
@@ -16,7 +17,6 @@ use crate::bench::Bench;
 use crate::conditions::{CIRCLE_RADIUS_M, CIRCLE_SPEED_RAD_S, Conditions, DURATION_S, GoalMotion};
 use crate::dataset::SkillSet;
 use crate::experiment::{Experiment, PolicyKind, Setting, Space};
-use crate::metric::quantile;
 use crate::path::positions;
 use crate::progress::progress;
 use crate::results::{Row, finite};

@@ -1,10 +1,10 @@
 //! What the policies must do, and whether they did.
 
 use crate::experiment::{Experiment, PolicyKind, Space};
-use crate::metric::quantile;
 use crate::models::{Models, Trained};
 use crate::published::{self, Published};
 use crate::results::Row;
+use tprmp_drawing::quantile;
 
 /// Longest training of a planar skill and of the pick [s].
 const TRAINING_MAX_S: [f64; 2] = [1.0, 3.0];

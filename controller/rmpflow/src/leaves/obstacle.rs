@@ -169,6 +169,7 @@ impl Obstacle {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use tprmp_spatial::strategies::vector;
 
     fn shapes() -> [Shape; 4] {
         [
@@ -181,10 +182,6 @@ mod tests {
 
     fn moved(obstacle: &Obstacle, t: f64) -> Obstacle {
         Obstacle { pose: obstacle.pose.advanced(&obstacle.velocity, t), ..*obstacle }
-    }
-
-    fn vector(size: f64) -> impl Strategy<Value = DVec3> {
-        [-size..size, -size..size, -size..size].prop_map(DVec3::from)
     }
 
     proptest! {

@@ -1,10 +1,9 @@
 //! Box plots over what was varied.
 
 use glam::DVec2;
-use tprmp_drawing::{Anchor, Figure, Panel, Picture, Sign, Stroke, number};
+use tprmp_drawing::{Anchor, Figure, Panel, Picture, Sign, Stroke, number, quantile};
 
 use crate::experiment::{Experiment, PolicyKind};
-use crate::metric::quantile;
 use crate::published::{Published, at, of, published};
 use crate::report::content::Run;
 use crate::report::style::{INK_DOT, SIZE, colour, legend};

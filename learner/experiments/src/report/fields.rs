@@ -3,7 +3,7 @@
 use glam::DMat2;
 use rayon::prelude::*;
 use tprmp_drawing::{
-    BLACK, Ellipsoid, Panel, Picture, Scale, Sign, Stroke, View, of_phase, principal_axes,
+    BLACK, Ellipsoid, Panel, Picture, Scale, Sign, Stroke, View, of_phase, principal_axes, quantile,
 };
 use tprmp_learner::canonical::PhaseProfile;
 use tprmp_learner::plot::field::Grid;
@@ -13,7 +13,6 @@ use tprmp_model::skill_model::SkillModel;
 
 use crate::dataset::SkillSet;
 use crate::experiment::{PolicyKind, Space};
-use crate::metric::quantile;
 use crate::report::content::Run;
 use crate::report::paths::{flat_path, grid, panel, points};
 

@@ -1,10 +1,9 @@
 //! Figure 5.12: time of a control iteration.
 
 use glam::DVec2;
-use tprmp_drawing::{Figure, Panel, Picture, Sign, Stroke};
+use tprmp_drawing::{Figure, Panel, Picture, Sign, Stroke, quantile};
 
 use crate::experiment::{Experiment, PolicyKind};
-use crate::metric::quantile;
 use crate::published::{Published, at, of, published};
 use crate::report::content::Run;
 use crate::report::style::{INK_DOT, SIZE, colour, legend};

@@ -14,6 +14,7 @@ use crate::natural::Natural;
 use crate::policy::canonical::field::{COMPONENT_CAPACITY, FieldValue};
 use crate::policy::value::{FRAME_CAPACITY, SkillInertia, SkillValue};
 use tprmp_spatial::rotation::rotation_vector;
+use tprmp_spatial::strategies::vector;
 use tprmp_spatial::{MovingPose, Pose, Twist};
 
 const INERTIA: SkillInertia = SkillInertia { linear_kg: 2.0, angular_kg_m2: 0.0 };
@@ -105,10 +106,6 @@ fn acceleration<const D: usize>(natural: &Natural<6>) -> [DVec3; 2] {
 }
 
 type Motion = (Pose, Twist);
-
-fn vector(size: f64) -> impl Strategy<Value = DVec3> {
-    prop::array::uniform3(-size..size).prop_map(DVec3::from)
-}
 
 fn pose(size: f64, angle: f64) -> impl Strategy<Value = Pose> {
     (vector(size), vector(angle))
