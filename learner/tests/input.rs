@@ -222,6 +222,12 @@ fn wrong_skill_files_are_refused_by_key_and_place() {
         assert!(endless.contains("certification.horizon_s"), "{endless}");
         assert!(endless.contains("at most 600 s, and 1000000 steps"), "{endless}");
     }
+    for value in ["0.0", "0.04", "1.5"] {
+        let text = good.replace("change_phase_min: 0.25", &format!("change_phase_min: {value}"));
+        assert!(say(text).contains("frame_map.change_phase_min"), "{value}");
+    }
+    let huge = say(good.replace("span: 2.75", "span: 1e150"));
+    assert!(huge.contains("scale.span") && huge.contains("at most 1e6"), "{huge}");
     let published = skill_text("planar_published.ron");
     let narrow = say(published.replace("shape: 14.0", "shape: 800.0"));
     assert!(narrow.contains("fit.kaiser_smoothing.shape") && narrow.contains("800"), "{narrow}");

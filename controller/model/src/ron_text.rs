@@ -153,6 +153,9 @@ struct Open {
     entry: Option<usize>,
 }
 
+/// Deeper brackets are not looked into: no file needs them, and the parser refuses them at the same depth.
+const DEPTH_MAX: usize = 128;
+
 /// The keys of a text in its order. The first entry is the whole text, and has no key.
 pub(crate) fn entries(text: &str) -> Vec<Entry> {
     let tokens = tokens(text);
@@ -164,6 +167,9 @@ pub(crate) fn entries(text: &str) -> Vec<Entry> {
     for (i, token) in tokens.iter().enumerate() {
         let before = i.checked_sub(1).map(|before| tokens[before]);
         let is_inside = open.len() > 1;
+        if open.len() > DEPTH_MAX {
+            break;
+        }
         let top = open.last_mut().expect("the outermost is never closed");
         match token.text {
             bracket @ ("(" | "[" | "{") => {

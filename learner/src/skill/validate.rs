@@ -2,6 +2,7 @@
 
 use tprmp_model::skill_model::FRAME_CAPACITY;
 use tprmp_rmpflow::policy::canonical::field::COMPONENT_CAPACITY;
+use tprmp_rmpflow::policy::canonical::frame_map::PHASE_DISTANCE_MIN;
 
 use crate::demonstration::DURATION_MAX_S;
 use crate::skill::settings::{FitSettings, Skill};
@@ -70,6 +71,9 @@ fn validate_names(skill: &Skill) -> Result<(), Wrong> {
     Ok(())
 }
 
+/// No number of a skill is larger: squares and sums of it stay finite.
+const NUMBER_MAX: f64 = 1e6;
+
 fn validate_positive(skill: &Skill) -> Result<(), Wrong> {
     let mut positive = Vec::new();
     positive.extend(keys! { "smoothing" skill.smoothing => window_s rest_speed_fraction });
@@ -103,7 +107,10 @@ fn validate_positive(skill: &Skill) -> Result<(), Wrong> {
     if let Some(kaiser) = skill.fit.kaiser_smoothing() {
         positive.extend(keys! { "fit.kaiser_smoothing" kaiser => window_s shape });
     }
-    check(positive, |x| x > 0.0, "a positive number")
+    check(positive.iter().copied(), |x| x > 0.0, "a positive number")?;
+    // The certificate's own bounds come after these.
+    let learning = positive.into_iter().filter(|(key, _)| !key.starts_with("certification."));
+    check(learning, |x| x <= NUMBER_MAX, &format!("at most {NUMBER_MAX:e}"))
 }
 
 fn validate_ranges(skill: &Skill) -> Result<(), Wrong> {
@@ -133,6 +140,9 @@ fn validate_ranges(skill: &Skill) -> Result<(), Wrong> {
     }
     check(not_negative, |x| x >= 0.0, "a number from zero on")?;
     check(fractions, |x| (0.0..=1.0).contains(&x), "a fraction from 0 to 1")?;
+    let change = keys! { "frame_map" skill.frame_map => change_phase_min };
+    let least = PHASE_DISTANCE_MIN;
+    check(change, |x| x >= least, &format!("a fraction of at least {least}"))?;
     let rest = keys! { "smoothing" skill.smoothing => rest_speed_fraction };
     check(rest, |x| x < 0.5, "a fraction below 0.5")?;
     let shape = skill.fit.kaiser_smoothing().map(|kaiser| kaiser.shape);

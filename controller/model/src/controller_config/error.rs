@@ -50,6 +50,9 @@ pub enum Problem {
         /// The keys that there are.
         expected: &'static [&'static str],
     },
+    /// A key that stands twice in one file.
+    #[error("the key is given twice")]
+    Twice,
     /// A key of the last version.
     #[error("`{old}` is now `{new}`")]
     Renamed {

@@ -37,6 +37,17 @@ impl Source {
         });
         syntax.into_iter().chain(renamed).collect()
     }
+
+    /// Keys that are given twice: which of them should count cannot be known.
+    fn doubled(&self) -> Vec<Fault> {
+        let entries = entries(&self.text);
+        let doubled = entries.iter().enumerate().skip(1).filter(|(i, entry)| {
+            entries[1..*i].iter().any(|before| before.path == entry.path && !entry.key.is_empty())
+        });
+        doubled
+            .map(|(_, entry)| self.fault(entry.key.start, Some(&entry.path), Problem::Twice))
+            .collect()
+    }
 }
 
 /// `Some` may be left out.
@@ -111,6 +122,7 @@ pub(super) fn layers_of(
         let problem = Problem::Value { expected: "none in a file that is a base itself", found };
         faults.push(base_source.fault(second.key.start, Some("base"), problem));
     }
+    faults.extend([&file, &base_source].into_iter().flat_map(Source::doubled));
     refused(faults, || {
         let layer = blanked(&file.text, &base);
         let (text, pieces) = layered(&base_source.text, &layer);
@@ -209,8 +221,11 @@ impl Layers {
     /// What the parser says, with the file and the place in it. An unknown key is taken out: then
     /// there is `true` beside the fault, and parsing can go on.
     pub(super) fn fault(&mut self, error: &ron::error::SpannedError) -> (Fault, bool) {
-        let at = byte(&self.text, error.span.start.line, error.span.start.col);
         let entries = entries(&self.text);
+        let told = byte(&self.text, error.span.start.line, error.span.start.col);
+        // The parser may stand before the space in front of a value: in another file than the value.
+        let before = |entry: &&Entry| (entry.key.end..entry.value.start).contains(&told);
+        let at = entries.iter().skip(1).rfind(before).map_or(told, |entry| entry.value.start);
         let is_around = |entry: &&Entry| entry.value.contains(&at) || entry.value.end == at;
         let is_group = |entry: &&Entry| is_around(entry) && entry.group.is_some();
         let group = entries.iter().rfind(is_group).map_or("", |entry| &entry.path);

@@ -337,10 +337,41 @@ mod tests {
         assert_eq!(value, (shipped(), None, "robot.position_margin".into()));
         let syntax = at(&|t| t.replace("exempt: []", "exempt: [)"));
         assert_eq!((syntax.0, syntax.2), (shipped(), String::new()));
+        // A wrong type in place of a good value of the base, and a key that stands twice.
+        let layer = |keys: &str| {
+            let edit = |t: &str| t.replace("base: \"base", &format!("{keys} base: \"base"));
+            faults_of(edit).into_iter().map(|f| (f.path, f.key.unwrap_or_default(), f.problem))
+        };
+        for (keys, key) in [("done: (distance_m: \"x\"),", "done.distance_m"), ("done: 5,", "done")]
+        {
+            let (path, found, _) = layer(keys).next().unwrap();
+            assert_eq!((path, found.as_str()), (shipped(), key));
+        }
+        for keys in [
+            "posture: None, done: 5, done: (distance_m: 0.5),",
+            "posture: None, done: (distance_m: 0.5), done: (),",
+            "posture: None, collision: None, done: (), done: 5,",
+        ] {
+            let twice = (shipped(), "done".to_owned(), Problem::Twice);
+            assert!(layer(keys).any(|fault| fault == twice), "{keys}");
+        }
         // What both lack is missing in the file that is read.
         let missing = faults_of(|t| t.replace("fade_in_s:", "// fade_in_s:")).remove(0);
         let expected = (shipped(), None, Some("stop.fade_in_s".into()), Problem::Missing);
         assert_eq!((missing.path, missing.position, missing.key, missing.problem), expected);
+    }
+
+    #[test]
+    fn brackets_without_end_are_refused_at_once() {
+        for text in ["[".repeat(200_000), format!("({}", "a:(".repeat(100_000))] {
+            let source = Source { path: shipped(), text };
+            let ConfigError::Faults(faults) =
+                layers_of(source, |_| unreachable!("no base is named")).unwrap_err()
+            else {
+                panic!("it was read")
+            };
+            assert!(matches!(faults[0].problem, Problem::Syntax(_)), "{:?}", faults[0]);
+        }
     }
 
     #[test]
