@@ -167,18 +167,18 @@ fn layered(base: &str, layer: &str) -> (String, Vec<Piece>) {
             continue;
         }
         done = entry.value.end;
-        let is_first = |of: &Range<usize>| edits.iter().all(|edit| edit.of_base != *of);
-        if let Some(of_base) = overridden.map(|below| below.value.clone()).filter(is_first) {
+        if let Some(of_base) = overridden.map(|below| below.value.clone()) {
             let of_layer = entry.value.clone();
             edits.push(Edit { of_base, of_layer, needs_comma: false, is_new: false });
             continue;
         }
-        // A key that the base has not, or a second one of that name, which the parser refuses.
+        // A key that the base has not.
         let parent = entry.path.rsplit_once('.').map_or("", |(parent, _)| parent);
         let group = below.iter().find(|below| below.path == parent).and_then(|below| below.group);
         let Some(group) = group else { continue };
         let of_base = group.close..group.close;
-        let needs_comma = group.needs_comma && is_first(&of_base);
+        let is_first = edits.iter().all(|edit| edit.of_base != of_base);
+        let needs_comma = group.needs_comma && is_first;
         let of_layer = entry.key.start..entry.value.end;
         edits.push(Edit { of_base, of_layer, needs_comma, is_new: true });
     }

@@ -303,9 +303,8 @@ mod tests {
         // A group in place of none, and none in place of a group, are values as a whole.
         let layers = layered("(base: \"b/base.ron\", f: (k: 1), a: None)", base).unwrap();
         assert_eq!(layers.text, "(a: None, f: (k: 1), g: Above(1), h: ())");
-        // The parser refuses a key that stands twice.
-        let layers = layered("(base: \"b/base.ron\", f: 1, f: 2)", "(f: 0)").unwrap();
-        assert_eq!(layers.text, "(f: 1,f: 2,)");
+        let twice = layered("(base: \"b/base.ron\", f: 1, f: 2)", "(f: 0)").unwrap_err();
+        assert!(twice.to_string().contains("key `f`: the key is given twice"), "{twice}");
     }
 
     #[test]
