@@ -21,6 +21,7 @@ impl SpatialInertia {
         Self { mass: 0.0, first_moment: DVec3::ZERO, inertia: DMat3::ZERO };
 
     /// From mass [kg], centre of mass [m] and rotational inertia about the centre of mass [kg m²].
+    #[inline]
     pub(crate) fn from_centre(mass: f64, centre: DVec3, inertia_centre: DMat3) -> Self {
         Self {
             mass,
@@ -32,6 +33,7 @@ impl SpatialInertia {
     /// The same body seen from a frame `A`, with `x` = X_AC the placement of the present frame `C`.
     ///
     /// `h_A = R h + m p`,  `I_A = R I Rᵀ + 2 sym S(R h, p) + m S(p, p)`,  `S(a, b) = (a·b) 1 − a bᵀ`
+    #[inline]
     pub(crate) fn moved(&self, x: &Placement) -> Self {
         let Placement { rotation, position } = *x;
         let h = rotation * self.first_moment;
@@ -47,6 +49,7 @@ impl SpatialInertia {
     }
 
     /// Both bodies as one; both must be expressed in the same frame.
+    #[inline]
     pub(crate) fn plus(&self, other: &Self) -> Self {
         Self {
             mass: self.mass + other.mass,
@@ -57,6 +60,7 @@ impl SpatialInertia {
 }
 
 /// (a·b) 1 − a bᵀ
+#[inline]
 fn steiner(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_diagonal(DVec3::splat(a.dot(b))) - DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }

@@ -38,6 +38,7 @@ impl Motion {
     const REST: Self = Self { velocity: Twist::ZERO, drift: SpatialAcceleration::ZERO };
 
     /// Motion of a frame that is fixed to this one, its origin `r` [m] from this one's.
+    #[inline]
     fn shifted(&self, r: DVec3) -> Self {
         Self {
             velocity: self.velocity.shifted(r),
@@ -48,6 +49,7 @@ impl Motion {
 
 impl<const N: usize> Kinematics<N> {
     /// A workspace filled with NaN.
+    #[inline]
     pub fn new() -> Self {
         let undefined =
             Motion { velocity: Twist::UNDEFINED, drift: SpatialAcceleration::UNDEFINED };
@@ -62,11 +64,13 @@ impl<const N: usize> Kinematics<N> {
     }
 
     /// X_BE; which of the quaternions ±q it has, is not defined.
+    #[inline]
     pub fn tool_pose(&self) -> Pose {
         self.tool.pose()
     }
 
     /// p_BE, the origin of the tool [m].
+    #[inline]
     pub fn tool_position(&self) -> DVec3 {
         self.tool.position
     }
@@ -74,12 +78,14 @@ impl<const N: usize> Kinematics<N> {
     /// A_BE = J q̈ + J̇q̇.
     ///
     /// * `q_dd`  joint accelerations q̈, N [rad/s² or m/s²]
+    #[inline]
     pub fn tool_acceleration(&self, q_dd: &SVector<f64, N>) -> SpatialAcceleration {
         SpatialAcceleration::from(self.tool_jacobian * q_dd) + self.tool_drift
     }
 }
 
 impl<const N: usize> Default for Kinematics<N> {
+    #[inline]
     fn default() -> Self {
         Self::new()
     }

@@ -20,6 +20,7 @@ pub struct MovingPose {
 impl MovingPose {
     /// A frame at rest.
     #[must_use]
+    #[inline]
     pub fn at_rest(pose: Pose) -> Self {
         Self { pose, velocity: Twist::ZERO, acceleration: SpatialAcceleration::ZERO }
     }
@@ -27,6 +28,7 @@ impl MovingPose {
     /// The motion of a point fixed to the frame, `r` from its origin, expressed in the world \[m\]:
     /// p + r,  v + ω × r,  a + α × r + ω × (ω × r).
     #[must_use]
+    #[inline]
     pub fn fixed_point(&self, r: DVec3) -> Vec3<Jet> {
         let rotating = self.fixed_direction(r);
         Vec3::moving(
@@ -39,6 +41,7 @@ impl MovingPose {
     /// The motion of a direction d fixed to the frame, expressed in the world:
     /// d,  ω × d,  α × d + ω × (ω × d).
     #[must_use]
+    #[inline]
     pub fn fixed_direction(&self, direction: DVec3) -> Vec3<Jet> {
         let (w, alpha) = (self.velocity.angular, self.acceleration.angular);
         let first = w.cross(direction);
@@ -47,6 +50,7 @@ impl MovingPose {
 
     /// The motion of a frame G fixed to this one: X_WG = X_WF X_FG, and V_WG, A_WG at its origin.
     #[must_use]
+    #[inline]
     pub fn compose(&self, x_fg: &Pose) -> Self {
         let origin = self.fixed_point(self.pose.orientation * x_fg.position);
         Self {
@@ -61,6 +65,7 @@ impl Pose {
     /// The pose after `dt_s` \[s\] with a constant velocity, expressed in A:
     /// p + v dt and exp(ω dt) q.
     #[must_use]
+    #[inline]
     pub fn advanced(&self, velocity: &Twist, dt_s: f64) -> Self {
         let rotation = DQuat::from_scaled_axis(velocity.angular * dt_s);
         Self {

@@ -14,12 +14,14 @@ use crate::jet::Quat;
 
 /// log q: the rotation vector of the smaller of both angles, |r| ≤ π \[rad\].
 #[must_use]
+#[inline]
 pub fn rotation_vector(q: DQuat) -> DVec3 {
     DVec3::from_array(Quat::<f64>::constant(q).log().0)
 }
 
 /// J_r(r), the right Jacobian of SO(3): ω = J_r(r) ṙ in body axes for q = exp(r).
 #[must_use]
+#[inline]
 pub fn right_jacobian(r: DVec3) -> DMat3 {
     let squared = r.length_squared();
     // (1 − cos θ)/θ² and (θ − sin θ)/θ³.
@@ -39,6 +41,7 @@ pub fn right_jacobian(r: DVec3) -> DMat3 {
 
 /// J_l⁻¹(r), the inverse left Jacobian of SO(3): ṙ = J_l⁻¹(r) ω for q = exp(r); |r| < 2π.
 #[must_use]
+#[inline]
 pub fn inverse_left_jacobian(r: DVec3) -> DMat3 {
     let squared = r.length_squared();
     let factor = if squared < 1e-4 {
@@ -53,6 +56,7 @@ pub fn inverse_left_jacobian(r: DVec3) -> DMat3 {
 }
 
 /// \[r\]ₓ, so that \[r\]ₓ v = r × v.
+#[inline]
 fn skew(r: DVec3) -> DMat3 {
     DMat3::from_cols(
         DVec3::new(0.0, r.z, -r.y),
@@ -144,6 +148,7 @@ fn chart_coefficients(relative: DQuat, squared: f64) -> ChartCoefficients {
 ///
 /// and the bias is J̇_l ṙ; derivatives of a and b are those by s = θ².
 #[must_use]
+#[inline]
 pub fn orientation_chart(goal: DQuat, orientation: DQuat, angular: DVec3) -> Chart {
     let relative = goal.conjugate() * orientation;
     let relative = if relative.w < 0.0 { -relative } else { relative };

@@ -27,6 +27,7 @@ macro_rules! six_vector {
 
             /// Whether every number of it is finite.
             #[must_use]
+            #[inline]
             pub fn is_finite(&self) -> bool {
                 self.$first.is_finite() && self.$second.is_finite()
             }
