@@ -9,16 +9,12 @@ pub trait Real:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
     /// A constant.
-    #[inline]
     fn constant(value: f64) -> Self;
     /// Its value.
-    #[inline]
     fn value(self) -> f64;
     /// self · k
-    #[inline]
     fn scaled(self, k: f64) -> Self;
     /// h(self) for a function given by its value and first two derivatives at [`Real::value`].
-    #[inline]
     fn chain(self, derivatives: [f64; 3]) -> Self;
 }
 
