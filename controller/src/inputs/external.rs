@@ -39,13 +39,12 @@ impl ExternalCommand {
     /// Nothing was received yet.
     #[must_use]
     pub fn new(config: &External) -> Self {
-        let still = Twist { linear: glam::DVec3::ZERO, angular: glam::DVec3::ZERO };
         Self {
             leaf: config.leaf(),
             fade_s: config.fade_s,
             age_max_ns: config.age_max_ns,
             newest: None,
-            desired: still,
+            desired: Twist::ZERO,
             weight: 0.0,
         }
     }
@@ -119,10 +118,8 @@ impl ExternalCommand {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
 
     const MS: u64 = 1_000_000;
-    const STILL: Twist = Twist { linear: DVec3::ZERO, angular: DVec3::ZERO };
 
     fn external() -> ExternalCommand {
         ExternalCommand::new(&External {
@@ -143,14 +140,14 @@ mod tests {
 
     /// Force along x on a tool at rest.
     fn force(external: &ExternalCommand) -> f64 {
-        external.leaf(&STILL).map_or(0.0, |leaf| leaf.force[0])
+        external.leaf(&Twist::ZERO).map_or(0.0, |leaf| leaf.force[0])
     }
 
     #[test]
     fn a_command_fades_in_holds_and_fades_out_once_it_is_too_old() {
         let mut external = external();
         external.advance(1000 * MS, 0.001);
-        assert!(external.leaf(&STILL).is_none(), "nobody commands");
+        assert!(external.leaf(&Twist::ZERO).is_none(), "nobody commands");
         external.update(&command(1, 1000 * MS, 0.2), 1000 * MS);
         let full = 8.0 * 4.0 * 0.2;
         let mut last = 0.0;
@@ -166,7 +163,7 @@ mod tests {
             }
             last = now;
         }
-        assert!(external.leaf(&STILL).is_none());
+        assert!(external.leaf(&Twist::ZERO).is_none());
     }
 
     #[test]
@@ -206,7 +203,7 @@ mod tests {
             let mut silent = external();
             silent.update(&message, now_ns);
             silent.advance(now_ns, 0.001);
-            assert!(silent.leaf(&STILL).is_none(), "{message:?}");
+            assert!(silent.leaf(&Twist::ZERO).is_none(), "{message:?}");
             let mut active = external();
             active.update(&command(8, now_ns, 0.2), now_ns);
             let mut undisturbed = active;
@@ -215,7 +212,7 @@ mod tests {
                 active.advance(now_ns, 0.001);
                 undisturbed.advance(now_ns, 0.001);
             }
-            assert_eq!(active.leaf(&STILL), undisturbed.leaf(&STILL), "{message:?}");
+            assert_eq!(active.leaf(&Twist::ZERO), undisturbed.leaf(&Twist::ZERO), "{message:?}");
         }
     }
 

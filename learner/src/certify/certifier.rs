@@ -67,10 +67,7 @@ impl<'a> Certifier<'a> {
             let (i, fraction) = (step.floor() as usize, step.fract());
             let last = path.len() - 1;
             let (a, b) = (path[i.min(last)], path[(i + 1).min(last)]);
-            Pose {
-                position: a.position.lerp(b.position, fraction),
-                orientation: a.orientation.slerp(b.orientation, fraction),
-            }
+            a.interpolate(&b, fraction)
         };
         let (mut square_m2, mut square_rad2, mut square_path_m2) = (0.0, 0.0, 0.0);
         for (i, pose) in demonstrated.iter().enumerate() {

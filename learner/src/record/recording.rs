@@ -255,8 +255,8 @@ fn resample(samples: &[Sample], sampling_time_s: f64) -> Vec<Pose> {
         }
         let (a, b) = (&samples[i], &samples[i + 1]);
         let fraction = (time_ns - a.time_ns) as f64 / (b.time_ns - a.time_ns) as f64;
-        let position = a.pose.position.lerp(b.pose.position, fraction);
-        let orientation = a.pose.orientation.slerp(b.pose.orientation, fraction).normalize();
+        let Pose { position, orientation } = a.pose.interpolate(&b.pose, fraction);
+        let orientation = orientation.normalize();
         let far_side = poses.last().is_some_and(|before| before.orientation.dot(orientation) < 0.0);
         let orientation = if far_side { -orientation } else { orientation };
         poses.push(Pose { position, orientation });

@@ -1,5 +1,6 @@
 //! A file and its base as one text, in which each place knows the file that it comes from.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -41,12 +42,11 @@ impl Source {
     /// Keys that are given twice: which of them should count cannot be known.
     fn doubled(&self) -> Vec<Fault> {
         let entries = entries(&self.text);
-        let doubled = entries.iter().enumerate().skip(1).filter(|(i, entry)| {
-            entries[1..*i].iter().any(|before| before.path == entry.path && !entry.key.is_empty())
-        });
-        doubled
-            .map(|(_, entry)| self.fault(entry.key.start, Some(&entry.path), Problem::Twice))
-            .collect()
+        let mut before = BTreeSet::new();
+        let keys = entries.iter().filter(|entry| !entry.key.is_empty());
+        let doubled = keys.filter(|entry| !before.insert(&entry.path));
+        let fault = |entry: &Entry| self.fault(entry.key.start, Some(&entry.path), Problem::Twice);
+        doubled.map(fault).collect()
     }
 }
 
