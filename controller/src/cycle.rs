@@ -12,10 +12,10 @@ use std::sync::Arc;
 use tprmp_messages::{CommandMode, ControllerPorts, LifeCycle, Reason};
 use tprmp_model::controller_config::{ControllerConfig, Trigger};
 
+use crate::inputs::estimator::JointState;
 use crate::inputs::external::ExternalCommand;
 use crate::inputs::inbox::Inbox;
 use crate::inputs::scene::Scene;
-use crate::inputs::state::{JointState, within_position_limits};
 use crate::motion::generator::MotionGenerator;
 use crate::motion::limits::JointLimits;
 use crate::outbox::Outbox;
@@ -81,7 +81,7 @@ impl<const N: usize> Cycle<N> {
             until_done,
             timing: LoopTiming::new(config.cycle.clone(), pacing),
             telemetry: Telemetry::new(),
-            inbox: Inbox::new(scene, config),
+            inbox: Inbox::new(scene, policy.chain(), config, pacing == Pacing::Lockstep),
             outbox: Outbox::new(N, &config.cycle, pacing == Pacing::Lockstep),
             peers: Peers::new(ports),
             policy,
@@ -197,7 +197,8 @@ impl<const N: usize> Cycle<N> {
         }
         self.timing.overruns.begin(wake.skipped);
         if self.outbox.has_expired(wake.now_ns) {
-            self.motion.mark_stale();
+            self.motion.robot_brakes();
+            self.braking_for = Some(Reason::CommandExpired);
         }
     }
 
@@ -212,7 +213,7 @@ impl<const N: usize> Cycle<N> {
     /// The joints as measured, where the newest state can be believed. Done in every tick: what
     /// brakes the arm must see where it is.
     fn measure(&mut self, now_ns: u64) -> Result<JointState<N>, Reason> {
-        let (joints, time_ns) = self.inbox.measure(self.policy.chain(), now_ns)?;
+        let (joints, time_ns) = self.inbox.measured(now_ns)?;
         self.motion.observe(&joints, time_ns);
         Ok(joints)
     }
@@ -226,12 +227,9 @@ impl<const N: usize> Cycle<N> {
         if self.stopping_since_ns.is_some() {
             return Err(Reason::StopRequested);
         }
+        self.inbox.robot_permits().inspect_err(|_| self.motion.robot_brakes())?;
         let state = measured?;
-        if self.inbox.take_sequence_went_back() {
-            self.motion.mark_stale();
-            return Err(Reason::SequenceWentBack);
-        }
-        if !within_position_limits(&state, self.policy.chain()) {
+        if !self.motion.limits().contain(&state.position) {
             return Err(Reason::JointLimit);
         }
         self.inbox.check_scene(now_ns)?;
@@ -239,8 +237,11 @@ impl<const N: usize> Cycle<N> {
             return Err(Reason::Overrun);
         }
         // Whatever has gone wrong: first to rest, then on.
-        self.braking_for = self.braking_for.filter(|_| !self.motion.reference_rests());
-        self.braking_for.map_or(Ok(state), Err)
+        if !self.motion.may_follow(&state) {
+            return Err(self.braking_for.unwrap_or(Reason::ArmElsewhere));
+        }
+        self.braking_for = None;
+        Ok(state)
     }
 
     /// Evaluates the policy, limits its acceleration and prepares the command. Gives why the task
@@ -276,7 +277,7 @@ impl<const N: usize> Cycle<N> {
             .map_err(|_| Reason::ResolveFailed)?;
         let chain = self.policy.chain();
         let setpoint = self.motion.follow(chain, state, &decision.acceleration, dt)?;
-        self.workspace.advance(&setpoint.acceleration, dt);
+        self.workspace.advance(&setpoint.asked, dt);
         self.outbox.set(&setpoint);
         let (life_cycle, remaining) =
             self.task.advance(gripper, &decision.tool, &decision.goal, now_ns, dt);
@@ -304,16 +305,16 @@ impl<const N: usize> Cycle<N> {
         self.stall.update(life_cycle, &progress, &decision.proximity, commanded, dt)
     }
 
-    /// Prepares a command that brings the arm to rest for this reason and holds it there; where that
-    /// cannot be done any more, the robot has to brake.
+    /// Prepares a command that brings the arm to rest for this reason and holds it there, or lets the robot
+    /// brake.
     fn brake(&mut self, measured: Option<JointState<N>>, reason: Reason, dt: f64) -> CommandMode {
         self.braking_for = Some(reason);
         // Whether the arm makes progress is judged anew once it goes on.
         self.stall = StallDetector::default();
         match self.motion.brake(self.policy.chain(), measured, dt) {
-            Some(setpoint) => {
+            Some((setpoint, mode)) => {
                 self.outbox.set(&setpoint);
-                CommandMode::Hold
+                mode
             }
             None => CommandMode::Stop,
         }
@@ -371,8 +372,9 @@ impl<const N: usize> Cycle<N> {
             _ if self.motion.is_new() => LifeCycle::Waiting,
             _ => LifeCycle::Holding,
         };
-        let Self { outbox, peers, telemetry, .. } = self;
-        outbox.publish_status(peers, (life_cycle, reason), telemetry, times, now_ns);
+        let Self { outbox, peers, telemetry, inbox, .. } = self;
+        let measured = (times, inbox.states_lost());
+        outbox.publish_status(peers, (life_cycle, reason), telemetry, measured, now_ns);
     }
 }
 

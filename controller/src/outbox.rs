@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use tprmp_messages::{
-    CommandMode, ControllerStatus, GripperCommand, JOINT_CAPACITY, JointCommand, LifeCycle, Reason,
+    CommandMode, ControllerStatus, GripperCommand, JointCommand, LifeCycle, Reason,
 };
 use tprmp_model::controller_config::Loop;
 
@@ -62,9 +62,9 @@ impl Outbox {
     /// Puts a setpoint into the next command.
     pub fn set<const N: usize>(&mut self, setpoint: &Setpoint<N>) {
         for (from, to) in [
-            (&setpoint.position, &mut self.command.position),
-            (&setpoint.velocity, &mut self.command.velocity),
-            (&setpoint.acceleration, &mut self.command.acceleration),
+            (&setpoint.motion.position, &mut self.command.position),
+            (&setpoint.motion.velocity, &mut self.command.velocity),
+            (&setpoint.motion.acceleration, &mut self.command.acceleration),
             (&setpoint.torques.motion, &mut self.command.torque),
             (&setpoint.torques.gravity, &mut self.command.gravity_torque),
         ] {
@@ -89,11 +89,6 @@ impl Outbox {
         now_ns: u64,
     ) {
         let command = &mut self.command;
-        if mode == CommandMode::Stop {
-            command.velocity = [0.0; JOINT_CAPACITY];
-            command.acceleration = [0.0; JOINT_CAPACITY];
-            command.torque = [0.0; JOINT_CAPACITY];
-        }
         command.sequence += 1;
         command.state_sequence = state_sequence;
         command.time_ns = now_ns;
@@ -111,7 +106,7 @@ impl Outbox {
         peers: &mut Peers,
         (life_cycle, reason): (LifeCycle, Reason),
         telemetry: &Telemetry,
-        times: &TickTimes,
+        (times, states_lost): (&TickTimes, u64),
         now_ns: u64,
     ) {
         self.shared.write(life_cycle, reason);
@@ -127,6 +122,7 @@ impl Outbox {
         status.ticks = telemetry.ticks;
         status.deadline_misses = telemetry.deadline_misses;
         status.skipped_periods = telemetry.skipped_periods;
+        status.states_lost = states_lost;
         status.allocations = peers.allocations();
         status.connections = peers.connections().count;
         status.wake_up_ns = times.wake_up_ns;

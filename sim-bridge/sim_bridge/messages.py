@@ -35,6 +35,16 @@ class GripperState(IntEnum):
     HOLDING = 2
 
 
+class RobotMode(IntEnum):
+    """What the robot itself is doing."""
+
+    RUNNING = 0
+    PROTECTIVE_STOP = 1
+    EMERGENCY_STOP = 2
+    HAND_GUIDING = 3
+    FAULT = 4
+
+
 class GripperCommand(IntEnum):
     """What the gripper should do."""
 
@@ -59,6 +69,8 @@ class LifeCycle(IntEnum):
     DONE = 3
     HOLDING = 4
     STOPPING = 5
+    READY = 6
+    FAULT = 7
 
 
 class Reason(IntEnum):
@@ -83,6 +95,23 @@ class Reason(IntEnum):
     GRIPPER_UNKNOWN = 16
     BLOCKED = 17
     UNREACHABLE = 18
+    STATE_UNCONFIRMED = 19
+    SEQUENCE_STUCK = 20
+    STATE_TIME_STUCK = 21
+    STATE_CLOCK = 22
+    VELOCITY_UNBELIEVABLE = 23
+    STATES_LOST = 24
+    COMMAND_EXPIRED = 25
+    TWO_SOURCES = 26
+    PROTECTIVE_STOP = 27
+    EMERGENCY_STOP = 28
+    HAND_GUIDING = 29
+    ROBOT_FAULT = 30
+    SAFETY_STOP = 31
+    START_NOT_REQUESTED = 32
+    HOLD_REQUESTED = 33
+    ENDED_UNEXPECTEDLY = 34
+    ARM_ELSEWHERE = 35
 
 
 class ObstacleKind(IntEnum):
@@ -106,10 +135,10 @@ class _Message(ctypes.Structure):
 class RobotState(_Message):
     """The state of the robot, from the bridge to the controller."""
 
-    WIRE_NAME = "RobotStateV1"
+    WIRE_NAME = "RobotStateV2"
     _fields_ = [
         *_all(_U64, "sequence time_ns"),
-        *_all(_U32, "joint_count gripper_state"),
+        *_all(_U32, "joint_count gripper_state robot_mode safety_stop"),
         *_all(_Joints, "position velocity torque"),
     ]
 
@@ -175,24 +204,25 @@ class ToolCommand(_Message):
 class ControllerStatus(_Message):
     """How the controller is doing, once a tick."""
 
-    WIRE_NAME = "ControllerStatusV2"
+    WIRE_NAME = "ControllerStatusV3"
     _fields_ = [
         *_all(_U64, "sequence time_ns"),
         *_all(_U32, "life_cycle reason"),
-        *_all(_U64, "ticks deadline_misses skipped_periods allocations connections period_ns"),
+        *_all(_U64, "ticks deadline_misses skipped_periods states_lost"),
+        *_all(_U64, "allocations connections period_ns"),
         *_all(_U64, "wake_up_ns state_age_ns receiving_ns evaluation_ns publishing_ns"),
         *_all(ctypes.c_double, "goal_distance_m goal_angle_rad energy_j"),
     ]
 
 
 MESSAGES = {
-    "RobotState": (RobotState, 216),
+    "RobotState": (RobotState, 224),
     "TaskFrames": (TaskFrames, 5464),
     "Frame": (Frame, 136),
     "Obstacle": (Obstacle, 136),
     "JointCommand": (JointCommand, 368),
     "ToolCommand": (ToolCommand, 64),
-    "ControllerStatus": (ControllerStatus, 136),
+    "ControllerStatus": (ControllerStatus, 144),
 }
 """Every message with its size on the wire [bytes]."""
 

@@ -44,7 +44,10 @@ macro_rules! layout {
 }
 
 layout! {
-    RobotState { sequence, time_ns, joint_count, gripper_state, position, velocity, torque }
+    RobotState {
+        sequence, time_ns, joint_count, gripper_state, robot_mode, safety_stop, position, velocity,
+        torque
+    }
     TaskFrames { sequence, time_ns, frame_count, obstacle_count, frames, obstacles }
     Frame { name, valid, padding, position, quaternion, linear_velocity, angular_velocity }
     Obstacle { kind, valid, position, quaternion, linear_velocity, angular_velocity, size }
@@ -54,8 +57,8 @@ layout! {
     }
     ToolCommand { sequence, time_ns, linear_velocity, angular_velocity }
     ControllerStatus {
-        sequence, time_ns, life_cycle, reason, ticks, deadline_misses, skipped_periods, allocations,
-        connections, period_ns, wake_up_ns, state_age_ns, receiving_ns, evaluation_ns,
+        sequence, time_ns, life_cycle, reason, ticks, deadline_misses, skipped_periods, states_lost,
+        allocations, connections, period_ns, wake_up_ns, state_age_ns, receiving_ns, evaluation_ns,
         publishing_ns, goal_distance_m, goal_angle_rad, energy_j
     }
 }
@@ -66,13 +69,13 @@ mod tests {
 
     #[test]
     fn sizes_are_those_other_languages_were_told() {
-        assert_eq!(size_of::<RobotState>(), 216);
+        assert_eq!(size_of::<RobotState>(), 224);
         assert_eq!(size_of::<Frame>(), 136);
         assert_eq!(size_of::<Obstacle>(), 136);
         assert_eq!(size_of::<TaskFrames>(), 32 - 8 + 8 * 136 + 32 * 136);
         assert_eq!(size_of::<JointCommand>(), 368);
         assert_eq!(size_of::<ToolCommand>(), 64);
-        assert_eq!(size_of::<ControllerStatus>(), 136);
-        assert_eq!(LAYOUT.iter().filter(|f| f.message == "RobotState").count(), 7);
+        assert_eq!(size_of::<ControllerStatus>(), 144);
+        assert_eq!(LAYOUT.iter().filter(|f| f.message == "RobotState").count(), 9);
     }
 }

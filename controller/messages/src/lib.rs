@@ -1,8 +1,8 @@
 //! The shared-memory messages of tprmp and the services that carry them.
 //!
-//! Five publish-subscribe services an instance, each with one publisher, up to eight subscribers
-//! and only the newest message kept: a reader always gets the newest, and a slow reader never blocks
-//! the writer. Of states and statuses the newest [`OBSERVER_BUFFER`] are kept for an observer.
+//! Five publish-subscribe services an instance, each with one publisher and up to eight subscribers. A
+//! slow reader never blocks the writer: it gets the newest messages, one of most services. Of states the
+//! controller gets the newest [`STATE_BUFFER`], and of states and statuses an observer [`OBSERVER_BUFFER`].
 //!
 //! | service                          | message              | from              | to         |
 //! |----------------------------------|----------------------|-------------------|------------|
@@ -54,11 +54,11 @@ pub use layout::{FieldLayout, LAYOUT};
 pub use messages::{
     CommandMode, ControllerStatus, FRAME_CAPACITY, Frame, GripperCommand, GripperState,
     JOINT_CAPACITY, JointCommand, LifeCycle, NAME_CAPACITY, OBSTACLE_CAPACITY, Obstacle,
-    ObstacleKind, Reason, RobotState, TaskFrames, ToolCommand,
+    ObstacleKind, Reason, RobotMode, RobotState, TaskFrames, ToolCommand,
 };
 pub use services::{
     ControllerPorts, Instance, OBSERVER_BUFFER, ObserverPorts, Publisher, SHARED_MEMORY_MIN_BYTES,
-    Sample, ServiceError, StatePublisherPorts, StatusPort, Subscriber, ToolCommandPort,
-    free_shared_memory_bytes,
+    STATE_BUFFER, Sample, ServiceError, StatePublisherPorts, StatusPort, Subscriber,
+    ToolCommandPort, free_shared_memory_bytes,
 };
 pub use stop::stop_flag;

@@ -13,10 +13,10 @@ pub const NAME_CAPACITY: usize = 24;
 
 /// The state of the robot, from a state publisher to the controller.
 #[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("RobotStateV1")]
+#[type_name("RobotStateV2")]
 #[repr(C)]
 pub struct RobotState {
-    /// Counts up by at least one from message to message.
+    /// Counts up by one from message to message: what is missing is counted as lost.
     pub sequence: u64,
     /// When the state was measured \[ns\].
     pub time_ns: u64,
@@ -24,6 +24,10 @@ pub struct RobotState {
     pub joint_count: u32,
     /// What the gripper senses: a [`GripperState`].
     pub gripper_state: u32,
+    /// What the robot itself is doing: a [`RobotMode`].
+    pub robot_mode: u32,
+    /// 0 while the robot's safety system permits motion, 1 while it does not.
+    pub safety_stop: u32,
     /// Joint positions \[rad or m\].
     pub position: [f64; JOINT_CAPACITY],
     /// Joint velocities \[rad/s or m/s\].
@@ -153,7 +157,7 @@ pub struct ToolCommand {
 
 /// How the controller is doing, once a tick or every few.
 #[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("ControllerStatusV2")]
+#[type_name("ControllerStatusV3")]
 #[repr(C)]
 pub struct ControllerStatus {
     /// Counts up by one from message to message.
@@ -170,6 +174,8 @@ pub struct ControllerStatus {
     pub deadline_misses: u64,
     /// Periods that passed without a tick, so far.
     pub skipped_periods: u64,
+    /// States that are missing between those that arrived, by their numbers, so far.
+    pub states_lost: u64,
     /// Heap allocations inside the loop, so far, without those of `connections`.
     pub allocations: u64,
     /// How often a new peer had to be connected to inside the loop, so far.
@@ -229,6 +235,23 @@ wire_enum! {
 }
 
 wire_enum! {
+    /// What the robot itself is doing.
+    RobotMode {
+        /// It obeys commands.
+        #[default]
+        Running = 0,
+        /// Its own protective stop: it brakes, or stands still.
+        ProtectiveStop = 1,
+        /// Its emergency stop.
+        EmergencyStop = 2,
+        /// It is guided by hand.
+        HandGuiding = 3,
+        /// It reports a fault.
+        Fault = 4,
+    }
+}
+
+wire_enum! {
     /// What the gripper should do.
     GripperCommand {
         /// Open, vacuum off.
@@ -254,7 +277,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// The controller's life cycle.
+    /// The controller's life cycle: `controller/LIFECYCLE.md` has every transition.
     LifeCycle {
         /// Waiting for a first valid state and valid frames.
         #[default]
@@ -269,6 +292,10 @@ wire_enum! {
         Holding = 4,
         /// Ramping down to leave.
         Stopping = 5,
+        /// All is well; the arm is held until somebody starts it.
+        Ready = 6,
+        /// Decelerating or holding because of [`ControllerStatus::reason`], until somebody resets it.
+        Fault = 7,
     }
 }
 
@@ -280,7 +307,7 @@ wire_enum! {
         /// It follows it.
         #[default]
         None = 0,
-        /// The newest state is older than its limit.
+        /// No state arrives any more: the newest is older than its limit.
         StateStale = 1,
         /// The state's sequence number went back: the publisher was restarted.
         SequenceWentBack = 2,
@@ -304,11 +331,11 @@ wire_enum! {
         CommandNotFinite = 11,
         /// A signal asked for a stop.
         StopRequested = 12,
-        /// The measured joint positions are outside the robot's limits.
+        /// A measured joint position is outside the robot's description.
         JointLimit = 13,
         /// Too many periods were missed in a row.
         Overrun = 14,
-        /// A measured speed is far beyond the joint's limit, or a position has jumped.
+        /// A measured speed is far beyond the joint's limit, or a position or velocity has jumped.
         StateUnbelievable = 15,
         /// The gripper reports a state this controller does not know.
         GripperUnknown = 16,
@@ -316,6 +343,41 @@ wire_enum! {
         Blocked = 17,
         /// It follows its policy, but the arm stands still short of the goal.
         Unreachable = 18,
+        /// A first state has arrived; those that follow have to confirm it.
+        StateUnconfirmed = 19,
+        /// States arrive, but their sequence number does not grow.
+        SequenceStuck = 20,
+        /// States arrive, but their time stamp does not grow.
+        StateTimeStuck = 21,
+        /// States arrive, but their time stamp is farther from the present than a state may be old:
+        /// another clock.
+        StateClock = 22,
+        /// Positions change by something else than their velocities say.
+        VelocityUnbelievable = 23,
+        /// Too many states in a row are missing, by their sequence numbers.
+        StatesLost = 24,
+        /// The loop was held up for longer than a command lives: the robot has braked on its own.
+        CommandExpired = 25,
+        /// The sequence number of the states went back again within a second: two sources publish.
+        TwoSources = 26,
+        /// The robot reports a protective stop.
+        ProtectiveStop = 27,
+        /// The robot reports an emergency stop.
+        EmergencyStop = 28,
+        /// The robot is guided by hand.
+        HandGuiding = 29,
+        /// The robot reports a fault, or a mode that there is not.
+        RobotFault = 30,
+        /// The robot's safety system does not permit motion.
+        SafetyStop = 31,
+        /// Nobody has asked for a start yet.
+        StartNotRequested = 32,
+        /// Somebody asked for a hold.
+        HoldRequested = 33,
+        /// The controller before this one ended without a stop.
+        EndedUnexpectedly = 34,
+        /// The arm is not at rest, or not where the last commands ended.
+        ArmElsewhere = 35,
     }
 }
 

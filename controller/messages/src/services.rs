@@ -23,8 +23,12 @@ pub type Sample<M> = iceoryx2::sample::Sample<ipc::Service, M, ()>;
 /// Least free shared memory needed to open an instance \[bytes\]: a full one ends in SIGBUS.
 pub const SHARED_MEMORY_MIN_BYTES: u64 = 4 << 20;
 
-/// Newest states and statuses that are kept for an observer, which wants each of them; controller
-/// and robot get the newest only.
+/// Newest states that are kept for the controller, which judges each of them: as many as a publisher three
+/// times as fast as the loop sends in five ticks.
+pub const STATE_BUFFER: usize = 16;
+
+/// Newest states and statuses that are kept for an observer, which wants each of them; the robot
+/// gets the newest command only.
 pub const OBSERVER_BUFFER: usize = 256;
 
 const ROBOT_STATE: &str = "robot_state";
@@ -224,7 +228,7 @@ impl Instance {
         Ok(ControllerPorts {
             command: self.publisher(&node, "joint_command")?,
             status: self.publisher(&node, CONTROLLER_STATUS)?,
-            state: self.subscriber(&node, ROBOT_STATE, 1)?,
+            state: self.subscriber(&node, ROBOT_STATE, STATE_BUFFER)?,
             frames: self.subscriber(&node, "task_frames", 1)?,
             tool_command: None,
             node: NodeGuard { node, leftovers: Leftovers(self.clone()) },

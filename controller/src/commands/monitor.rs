@@ -65,10 +65,12 @@ pub fn describe(life_cycle: LifeCycle, reason: Reason) -> String {
         LifeCycle::Done => "done",
         LifeCycle::Holding => "holding still",
         LifeCycle::Stopping => "stopping",
+        LifeCycle::Ready => "ready",
+        LifeCycle::Fault => "holding still until `controller ctl reset`",
     };
     let why = match reason {
         Reason::None => return state.into(),
-        Reason::StateStale => "no new robot state arrives; in lockstep, both sides need --lockstep",
+        Reason::StateStale => "no robot state arrives any more",
         Reason::SequenceWentBack => "the state's sequence number went back",
         Reason::StateNotFinite => "the robot state holds a number that is not finite",
         Reason::JointCount => "the robot state has another number of joints than the robot",
@@ -82,7 +84,40 @@ pub fn describe(life_cycle: LifeCycle, reason: Reason) -> String {
         Reason::StopRequested => "asked to stop",
         Reason::JointLimit => "a joint is outside its position limits",
         Reason::Overrun => "too many periods were missed in a row",
-        Reason::StateUnbelievable => "a measured speed or a jump of a position is not believable",
+        Reason::StateUnbelievable => {
+            "a measured speed, or a jump of a position or velocity, is not believable"
+        }
+        Reason::StateUnconfirmed => "a first robot state has arrived, those that follow confirm it",
+        Reason::SequenceStuck => "robot states arrive, but their `sequence` does not grow",
+        Reason::StateTimeStuck => "robot states arrive, but their `time_ns` does not grow",
+        Reason::StateClock => {
+            "robot states arrive, but their `time_ns` is not about now on CLOCK_MONOTONIC: another \
+             clock, another unit, late by more than loop.state_age_max_ns, or simulated time, for which \
+             both sides need --lockstep"
+        }
+        Reason::VelocityUnbelievable => {
+            "the robot's positions do not change as its velocities say: a velocity that is not \
+             measured, of another unit or sign, or joints in another order"
+        }
+        Reason::StatesLost => "too many robot states in a row are missing, by their `sequence`",
+        Reason::CommandExpired => {
+            "the loop was held up for longer than a command lives, so the robot has braked on its own"
+        }
+        Reason::TwoSources => {
+            "the state's sequence number went back twice within a second: two sources publish states, \
+             or one is started again and again"
+        }
+        Reason::ProtectiveStop => "the robot reports a protective stop",
+        Reason::EmergencyStop => "the robot reports an emergency stop",
+        Reason::HandGuiding => "the robot reports that it is guided by hand",
+        Reason::RobotFault => "the robot reports a fault, or a `robot_mode` that there is not",
+        Reason::SafetyStop => "the robot's safety system does not permit motion",
+        Reason::StartNotRequested => "waiting for `controller ctl start`",
+        Reason::HoldRequested => "a hold was asked for; `controller ctl start` goes on",
+        Reason::EndedUnexpectedly => {
+            "the controller before this one ended without a stop, what it was doing is not known"
+        }
+        Reason::ArmElsewhere => "the arm is not yet at rest where its last commands ended",
         Reason::GripperUnknown => "the gripper reports a state that this controller does not know",
         Reason::Blocked => "the arm stands still before an obstacle or before itself",
         Reason::Unreachable => "the arm stands still short of the goal",

@@ -1,15 +1,17 @@
 //! The newest messages, and how far they are believed.
 
 use tprmp_messages::{
-    ControllerPorts, GripperState, Reason, RobotState, Sample, Subscriber, TaskFrames,
+    ControllerPorts, GripperState, Reason, RobotMode, RobotState, STATE_BUFFER, Sample, Subscriber,
+    TaskFrames,
 };
-use tprmp_model::controller_config::{ControllerConfig, FrameObserver};
+use tprmp_model::controller_config::{ControllerConfig, FrameObserver, Loop};
 use tprmp_robot::Chain;
 
+use crate::inputs::estimator::{JointState, StateEstimator};
 use crate::inputs::external::ExternalCommand;
 use crate::inputs::scene::Scene;
-use crate::inputs::state::{JointState, check_state, jumps};
 use crate::peers::Peers;
+use crate::timing::realtime::monotonic_ns;
 
 /// The newest messages, as views into shared memory, and what their checks gave.
 #[derive(Debug)]
@@ -21,27 +23,31 @@ pub struct Inbox<const N: usize> {
     /// What is commanded from outside; `None` for a controller that does not listen.
     pub external: Option<ExternalCommand>,
     scene_check: Result<(), Reason>,
-    sequence_went_back: bool,
-    last_measured: Option<(JointState<N>, u64)>,
+    estimator: StateEstimator<N>,
+    /// In lockstep states are received when they were measured.
+    lockstep: bool,
     frame_observer: FrameObserver,
-    state_age_max_ns: u64,
     frames_age_max_ns: u64,
 }
 
 impl<const N: usize> Inbox<N> {
     /// Nothing has arrived yet.
     #[must_use]
-    pub fn new(scene: Scene, config: &ControllerConfig) -> Self {
+    pub fn new(scene: Scene, chain: &Chain<N>, config: &ControllerConfig, lockstep: bool) -> Self {
+        let Loop { state_age_max_ns, states_lost_in_a_row_max, .. } = config.cycle;
         Self {
             state: None,
             frames: None,
             scene,
             external: config.external.as_ref().map(ExternalCommand::new),
             scene_check: Err(Reason::FrameMissing),
-            sequence_went_back: false,
-            last_measured: None,
+            estimator: StateEstimator::new(
+                *chain.velocity_max(),
+                state_age_max_ns,
+                states_lost_in_a_row_max.into(),
+            ),
+            lockstep,
             frame_observer: config.frame_observer,
-            state_age_max_ns: config.cycle.state_age_max_ns,
             frames_age_max_ns: config.cycle.frames_age_max_ns,
         }
     }
@@ -51,13 +57,15 @@ impl<const N: usize> Inbox<N> {
     /// # Errors
     /// What is still missing.
     pub fn connect(&mut self, ports: &ControllerPorts) -> Result<(), Reason> {
-        let (state, frames) = (ports.state.receive(), ports.frames.receive());
+        self.state = ports.state.receive().or(self.state.take());
+        let frames = ports.frames.receive();
         let connected = ports.update_connections();
-        self.state = state.or(self.state.take());
         self.frames = frames.or(self.frames.take());
         match (&self.state, &self.frames) {
             (None, _) => Err(Reason::StateStale),
-            (Some(_), Some(_)) if connected => {
+            (Some(state), Some(_)) if connected => {
+                let now_ns = if self.lockstep { state.time_ns } else { monotonic_ns() };
+                self.estimator.update(state, now_ns);
                 self.update_scene();
                 Ok(())
             }
@@ -65,12 +73,21 @@ impl<const N: usize> Inbox<N> {
         }
     }
 
-    /// Receives the newest state; whether there was one.
+    /// Receives all new states and judges each of them; whether there was one.
     pub fn receive_state(&mut self, peers: &mut Peers) -> bool {
-        let Some(state) = peers.exchange(|ports| ports.state.receive()) else { return false };
-        self.sequence_went_back |= state.sequence <= self.state_sequence();
-        self.state = Some(state);
-        true
+        let Self { state, estimator, lockstep, .. } = self;
+        peers.exchange(|ports| {
+            let mut received = false;
+            // As many as are kept: a publisher that is faster than this loop cannot hold it up.
+            for _ in 0..STATE_BUFFER {
+                let Some(next) = ports.state.receive() else { break };
+                let now_ns = if *lockstep { next.time_ns } else { monotonic_ns() };
+                estimator.update(&next, now_ns);
+                *state = Some(next);
+                received = true;
+            }
+            received
+        })
     }
 
     /// Receives the newest frames and command from outside at the time `now_ns` \[ns\].
@@ -97,27 +114,16 @@ impl<const N: usize> Inbox<N> {
     /// The joints as measured, where the newest state can be believed at the time `now_ns` \[ns\], and
     /// when they were \[ns\].
     ///
-    /// A position that jumps is not believed at once: it is in the next state, if that agrees.
-    ///
     /// # Errors
     /// Why it cannot be believed.
-    pub fn measure(
-        &mut self,
-        chain: &Chain<N>,
-        now_ns: u64,
-    ) -> Result<(JointState<N>, u64), Reason> {
-        let state = self.state.as_ref().ok_or(Reason::StateStale)?;
-        // A stamp from the future is as wrong as an old one.
-        if now_ns.abs_diff(state.time_ns) > self.state_age_max_ns {
-            return Err(Reason::StateStale);
-        }
-        let now = (check_state(state, chain)?, state.time_ns);
-        let before = self.last_measured.replace(now).unwrap_or(now);
-        let elapsed_s = now.1.abs_diff(before.1) as f64 * 1e-9;
-        if jumps(&before.0, &now.0, elapsed_s, chain) {
-            return Err(Reason::StateUnbelievable);
-        }
-        Ok(now)
+    pub fn measured(&self, now_ns: u64) -> Result<(JointState<N>, u64), Reason> {
+        self.estimator.measured(now_ns)
+    }
+
+    /// How many states are missing between those that arrived.
+    #[must_use]
+    pub fn states_lost(&self) -> u64 {
+        self.estimator.lost()
     }
 
     /// Whether frames and obstacles can be believed at the time `now_ns` \[ns\].
@@ -133,9 +139,20 @@ impl<const N: usize> Inbox<N> {
         Ok(())
     }
 
-    /// Whether the sequence of the states went back since this was asked the last time.
-    pub fn take_sequence_went_back(&mut self) -> bool {
-        core::mem::take(&mut self.sequence_went_back)
+    /// Whether the robot itself permits motion; without a state it does.
+    ///
+    /// # Errors
+    /// Why it does not.
+    pub fn robot_permits(&self) -> Result<(), Reason> {
+        let Some(state) = &self.state else { return Ok(()) };
+        match RobotMode::from_wire(state.robot_mode) {
+            Some(RobotMode::Running) if state.safety_stop == 0 => Ok(()),
+            Some(RobotMode::Running) => Err(Reason::SafetyStop),
+            Some(RobotMode::ProtectiveStop) => Err(Reason::ProtectiveStop),
+            Some(RobotMode::EmergencyStop) => Err(Reason::EmergencyStop),
+            Some(RobotMode::HandGuiding) => Err(Reason::HandGuiding),
+            Some(RobotMode::Fault) | None => Err(Reason::RobotFault),
+        }
     }
 
     /// What the gripper senses; [`GripperState::None`] without a state.

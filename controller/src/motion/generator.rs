@@ -1,47 +1,58 @@
-//! The reference motion: along the policy's accelerations, faded in, or to rest; always within the
-//! limits.
+//! The motion that is published: along the policy's accelerations, faded in, or to rest. Every command passes
+//! through here, in every mode: each continues the one before within the limits.
 
-use glam::DVec3;
 use nalgebra::SVector;
-use tprmp_messages::Reason;
-use tprmp_model::controller_config::{ControllerConfig, Impedance, Stop};
+use tprmp_messages::{CommandMode, Reason};
+use tprmp_model::controller_config::{ControllerConfig, Stop};
 use tprmp_robot::Chain;
 
-use crate::inputs::state::JointState;
+use crate::inputs::estimator::JointState;
 use crate::motion::disturbance::DisturbanceObserver;
 use crate::motion::limits::JointLimits;
-use crate::motion::tracking::{Reference, Torques, braking, torques};
+use crate::motion::profile::JointMotion;
+use crate::motion::tracking::{Torques, Tracking};
 
-/// A reference slower than this is at rest \[rad/s or m/s\].
-const REFERENCE_REST: f64 = 1e-9;
 /// A measured arm slower than this is at rest \[rad/s or m/s\].
 const MEASURED_REST: f64 = 1e-2;
+/// The arm is where the reference is when it is as near as the largest speed takes it in this time \[s\] …
+const NEAR_S: f64 = 0.02;
+/// … and as fast, up to this fraction of the largest speed.
+const NEAR_SPEED: f64 = 0.1;
 
-/// What a command asks of the joints: finite and within the limits.
+/// What a command asks of the joints: finite, within the limits, and a continuation of the last one.
 #[derive(Debug, Clone, Copy)]
 pub struct Setpoint<const N: usize> {
-    /// q \[rad or m\].
-    pub position: SVector<f64, N>,
-    /// q̇ \[rad/s or m/s\].
-    pub velocity: SVector<f64, N>,
-    /// q̈ \[rad/s² or m/s²\].
-    pub acceleration: SVector<f64, N>,
+    /// Position, velocity and acceleration.
+    pub motion: JointMotion<N>,
     /// Torques \[N m or N\].
     pub torques: Torques<N>,
+    /// The acceleration that the arm is asked for: the motion's, without what the reference yields by
+    /// \[rad/s² or m/s²\].
+    pub asked: SVector<f64, N>,
+}
+
+/// What is known of the arm in relation to the reference.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Tie {
+    /// It was measured in the last tick, and follows.
+    Follows,
+    /// It was not measured, and was commanded.
+    Unseen,
+    /// It was told to brake on its own, or did so because a command had expired.
+    Braked,
 }
 
 /// The reference that the arm follows, and what becomes of it when the policy may not be followed.
 #[derive(Debug)]
 pub struct MotionGenerator<const N: usize> {
     limits: JointLimits<N>,
-    impedance: Impedance,
+    tracking: Tracking,
     stop: Stop,
-    gravity_m_s2: DVec3,
-    reference: Option<Reference<N>>,
+    /// What was published last.
+    published: Option<Setpoint<N>>,
+    tie: Tie,
     /// Whether the policy was not followed in the last tick.
     holding: bool,
-    /// Whether the arm may be elsewhere than the reference, because it was not measured.
-    stale: bool,
     fade_s: f64,
     disturbance: Option<DisturbanceObserver<N>>,
 }
@@ -52,19 +63,27 @@ impl<const N: usize> MotionGenerator<N> {
     pub fn new(limits: JointLimits<N>, config: &ControllerConfig) -> Self {
         Self {
             limits,
-            impedance: config.impedance,
+            tracking: Tracking {
+                impedance: config.impedance,
+                gravity_m_s2: config.robot.gravity_m_s2.into(),
+            },
             stop: config.stop,
-            gravity_m_s2: config.robot.gravity_m_s2.into(),
-            reference: None,
+            published: None,
+            tie: Tie::Unseen,
             holding: true,
-            stale: true,
             fade_s: 0.0,
             disturbance: config.disturbance.map(DisturbanceObserver::new),
         }
     }
 
-    /// Updates with a measured state and its time \[ns\], before [`MotionGenerator::follow`] or [`MotionGenerator::brake`];
-    /// the same one again changes nothing.
+    /// The limits that every command keeps.
+    #[must_use]
+    pub fn limits(&self) -> &JointLimits<N> {
+        &self.limits
+    }
+
+    /// Updates with a measured state and its time \[ns\], before [`MotionGenerator::follow`] or
+    /// [`MotionGenerator::brake`]; the same one again changes nothing.
     pub fn observe(&mut self, state: &JointState<N>, time_ns: u64) {
         if let Some(disturbance) = &mut self.disturbance {
             disturbance.observe(&state.velocity, time_ns);
@@ -74,7 +93,7 @@ impl<const N: usize> MotionGenerator<N> {
     /// Whether nothing was commanded since the start.
     #[must_use]
     pub fn is_new(&self) -> bool {
-        self.reference.is_none()
+        self.published.is_none()
     }
 
     /// Whether the policy was not followed in the last tick.
@@ -86,18 +105,28 @@ impl<const N: usize> MotionGenerator<N> {
     /// Whether the arm may be elsewhere than the reference.
     #[must_use]
     pub fn is_stale(&self) -> bool {
-        self.stale
+        self.tie != Tie::Follows
     }
 
-    /// From now on the arm may be elsewhere than the reference, which begins anew where the arm is
-    /// measured to be.
-    pub fn mark_stale(&mut self) {
-        self.stale = true;
+    /// The robot brakes on its own, or has done so because a command expired before its successor came.
+    pub fn robot_brakes(&mut self) {
+        self.tie = Tie::Braked;
         self.holding = true;
     }
 
-    /// Follows the policy's acceleration `wanted` over `dt` \[s\]; after a start or a stop from the
-    /// measured state, faded in.
+    /// Whether the policy may be followed from this measured state: after a stop the reference has to be at
+    /// rest where the arm is.
+    #[must_use]
+    pub fn may_follow(&self, state: &JointState<N>) -> bool {
+        match &self.published {
+            None => {
+                self.limits.contain(&state.position) && self.is_near(&self.reference(state), state)
+            }
+            Some(_) => self.tie == Tie::Follows && (!self.holding || self.reference_rests()),
+        }
+    }
+
+    /// Follows the policy's acceleration `wanted` over `dt` \[s\]; after a start or a stop faded in.
     ///
     /// # Errors
     /// When it is not finite. The caller brakes.
@@ -112,60 +141,90 @@ impl<const N: usize> MotionGenerator<N> {
             return Err(Reason::CommandNotFinite);
         }
         if core::mem::take(&mut self.holding) {
-            self.reference = None;
             self.fade_s = 0.0;
         }
-        self.stale = false;
-        let mut reference = self.reference.unwrap_or(Reference::at(state, &self.limits));
+        let mut motion = self.reference(state);
         let fade = (self.fade_s / self.stop.fade_in_s).min(1.0);
         self.fade_s += dt;
-        let brake = braking(&reference.velocity, &self.limits, self.stop.deceleration_fraction, dt);
-        let faded = wanted * fade + brake * (1.0 - fade);
-        let acceleration =
-            self.limits.acceleration(&faded, &reference.position, &reference.velocity, dt);
-        reference.integrate(&acceleration, dt);
-        let setpoint = self.setpoint(chain, state, &reference, &acceleration, dt)?;
-        reference.follow(state, &self.limits, self.impedance.reference_time_constant_s, dt);
-        self.reference = Some(reference);
-        Ok(setpoint)
+        let brake = motion.braking(&self.limits, self.stop.deceleration_fraction, dt);
+        let faded = self.limits.scaled(&(wanted * fade + brake * (1.0 - fade)));
+        let yielded = self.tracking.yielding(&motion, state, dt);
+        motion.advance(&(faded + yielded), &self.limits, dt);
+        self.tie = Tie::Follows;
+        let torques = self.torques(chain, state, &motion, Some(&yielded), dt);
+        self.publish(motion, torques, yielded, dt).ok_or(Reason::CommandNotFinite)
     }
 
-    /// Decelerates the reference to rest and holds it there, by feedback from the measured state.
-    /// Without one there is no feedback, and once the reference is at rest the robot has to brake:
-    /// `None`.
+    /// Decelerates the reference to rest and holds it there, by feedback from the measured state. Without
+    /// one there is no feedback, and once the reference is at rest the robot has to brake. An arm that may be
+    /// elsewhere brakes on its own until the reference rests where it is measured to be.
+    ///
+    /// `None` where nothing is known of the arm: it has to brake.
     pub fn brake(
         &mut self,
         chain: &Chain<N>,
         measured: Option<JointState<N>>,
         dt: f64,
-    ) -> Option<Setpoint<N>> {
+    ) -> Option<(Setpoint<N>, CommandMode)> {
         self.holding = true;
+        // What lies beyond the robot's description is no place to hold.
+        let inside = measured.filter(|state| self.limits.contain(&state.position));
+        if self.published.is_none() && inside.is_none() {
+            return None;
+        }
         if let (None, Some(disturbance)) = (&measured, &mut self.disturbance) {
             disturbance.forget();
         }
-        let measured_again = self.stale.then_some(measured).flatten();
-        self.stale = measured.is_none();
-        let mut reference = match measured_again {
-            Some(state) => Reference::at(&state, &self.limits),
-            None => self.reference.or(measured.map(|state| Reference::at(&state, &self.limits)))?,
+        let blind = self.published.map_or(SVector::zeros(), |last| last.motion.position);
+        let at = measured.unwrap_or(JointState { position: blind, velocity: SVector::zeros() });
+        let mut motion = self.reference(&at);
+        let wanted = motion.braking(&self.limits, self.stop.deceleration_fraction, dt);
+        let rested = motion.rests();
+        motion.advance(&wanted, &self.limits, dt);
+        self.tie = match (self.tie, inside) {
+            (Tie::Follows | Tie::Unseen, None) if measured.is_none() => Tie::Unseen,
+            (_, Some(state)) if self.is_near(&motion, &state) => Tie::Follows,
+            (Tie::Follows, _) => Tie::Follows,
+            _ => Tie::Braked,
         };
-        let fraction = self.stop.deceleration_fraction;
-        let wanted = braking(&reference.velocity, &self.limits, fraction, dt);
-        let acceleration =
-            self.limits.acceleration(&wanted, &reference.position, &reference.velocity, dt);
-        reference.integrate(&acceleration, dt);
-        self.reference = Some(reference);
-        if measured.is_none() && self.reference_rests() {
-            return None;
+        if self.tie == Tie::Unseen && motion.rests() {
+            self.tie = Tie::Braked;
         }
-        let blind = JointState { position: reference.position, velocity: reference.velocity };
-        self.setpoint(chain, &measured.unwrap_or(blind), &reference, &acceleration, dt).ok()
+        if self.tie != Tie::Braked {
+            let state = measured
+                .unwrap_or(JointState { position: motion.position, velocity: motion.velocity });
+            let torques = self.torques(chain, &state, &motion, None, dt);
+            return Some((self.publish(motion, torques, SVector::zeros(), dt)?, CommandMode::Hold));
+        }
+        if let (true, Some(state)) = (rested, inside) {
+            // No faster than the arm could have moved there.
+            let most = self.limits.velocity_max * dt;
+            motion.position += (state.position - motion.position)
+                .zip_map(&most, |offset, most| offset.clamp(-most, most));
+        }
+        let gravity_m_s2 = self.tracking.gravity_m_s2;
+        let torques = Torques::resting(chain, &self.limits, gravity_m_s2, &at.position);
+        Some((self.publish(motion, torques, SVector::zeros(), dt)?, CommandMode::Stop))
+    }
+
+    /// The reference so far: at first where the arm is measured to be, at rest.
+    fn reference(&self, state: &JointState<N>) -> JointMotion<N> {
+        self.published.map_or(JointMotion::at_rest(state.position), |last| last.motion)
+    }
+
+    /// Whether the arm is where the reference is, and as fast.
+    fn is_near(&self, motion: &JointMotion<N>, state: &JointState<N>) -> bool {
+        (0..N).all(|i| {
+            let most = self.limits.velocity_max[i];
+            (state.position[i] - motion.position[i]).abs() <= most * NEAR_S
+                && (state.velocity[i] - motion.velocity[i]).abs() <= most * NEAR_SPEED
+        })
     }
 
     /// Whether the reference is at rest.
     #[must_use]
     pub fn reference_rests(&self) -> bool {
-        self.reference.is_none_or(|r| r.velocity.amax() < REFERENCE_REST)
+        self.published.is_none_or(|last| last.motion.rests())
     }
 
     /// Whether reference and arm are at rest.
@@ -181,49 +240,46 @@ impl<const N: usize> MotionGenerator<N> {
         stopping_s > self.stop.duration_max_s || self.rests(measured)
     }
 
-    /// The torques, and the limits as the last thing. Nothing that is not finite gets out.
-    fn setpoint(
+    fn torques(
         &mut self,
         chain: &Chain<N>,
         state: &JointState<N>,
-        reference: &Reference<N>,
-        acceleration: &SVector<f64, N>,
+        motion: &JointMotion<N>,
+        yielded: Option<&SVector<f64, N>>,
         dt: f64,
-    ) -> Result<Setpoint<N>, Reason> {
+    ) -> Torques<N> {
         let compensation = self.disturbance.as_ref().map_or(SVector::zeros(), |disturbance| {
             let most = &self.limits.velocity_max;
-            disturbance.compensation(&state.velocity, &reference.velocity, most)
+            disturbance.compensation(&state.velocity, &motion.velocity, most)
         });
-        let torques = torques(
-            chain,
-            &self.limits,
-            &self.impedance,
-            self.gravity_m_s2,
-            state,
-            reference,
-            acceleration,
-            &compensation,
-        );
+        let robot = (chain, &self.limits);
+        let torques = self.tracking.torques(robot, state, motion, yielded, &compensation);
         if let Some(disturbance) = &mut self.disturbance {
             disturbance.asked(&torques.wanted, torques.saturated, dt);
         }
-        let setpoint = Setpoint {
-            position: self.limits.position(&reference.position),
-            velocity: reference.velocity,
-            acceleration: *acceleration,
-            torques,
-        };
-        let parts = [
-            &reference.position,
-            &setpoint.velocity,
-            &setpoint.acceleration,
-            &torques.motion,
-            &torques.gravity,
-        ];
-        if parts.iter().all(|part| part.iter().all(|v| v.is_finite())) {
-            Ok(setpoint)
-        } else {
-            Err(Reason::CommandNotFinite)
+        torques
+    }
+
+    /// The last stage of every command: it continues the one before. Nothing that is not finite gets out.
+    fn publish(
+        &mut self,
+        motion: JointMotion<N>,
+        torques: Torques<N>,
+        yielded: SVector<f64, N>,
+        dt: f64,
+    ) -> Option<Setpoint<N>> {
+        // Before the first command the arm holds itself against gravity.
+        let before = self
+            .published
+            .map_or(Torques { motion: SVector::zeros(), ..torques }, |last| last.torques);
+        let torques = torques.after(&before, &self.limits, dt);
+        let JointMotion { position, velocity, acceleration } = &motion;
+        let parts = [position, velocity, acceleration, &torques.motion, &torques.gravity];
+        if !parts.iter().all(|part| part.iter().all(|v| v.is_finite())) {
+            return None;
         }
+        let setpoint = Setpoint { motion, torques, asked: acceleration - yielded };
+        self.published = Some(setpoint);
+        Some(setpoint)
     }
 }

@@ -3,4 +3,5 @@
 pub mod disturbance;
 pub mod generator;
 pub mod limits;
+pub mod profile;
 pub mod tracking;

@@ -44,6 +44,10 @@ pub struct Robot {
     pub gravity_m_s2: [f64; 3],
     /// Largest joint accelerations \[rad/s² or m/s²\].
     pub acceleration_max: Vec<f64>,
+    /// Largest changes of the joint accelerations \[rad/s³ or m/s³\].
+    pub jerk_max: Vec<f64>,
+    /// Largest changes of the joint torques or forces \[N m/s or N/s\].
+    pub effort_rate_max: Vec<f64>,
     /// Fraction of the URDF's velocity limit that may be used.
     pub velocity_fraction: f64,
     /// Fraction of the URDF's effort limit that may be used.
@@ -87,6 +91,8 @@ pub struct Loop {
     pub command_lifetime_ns: u64,
     /// So many missed periods in a row stop the arm.
     pub overruns_in_a_row_max: u32,
+    /// More states that are missing in a row, by their sequence numbers, stop the arm.
+    pub states_lost_in_a_row_max: u32,
     /// The status is published once in so many ticks, and when it changes; in lockstep always.
     pub status_every_ticks: u32,
 }
@@ -323,15 +329,13 @@ impl Robot {
     fn check(&self, check: &mut Check) {
         let count = self.joints.len();
         check.require((2..=8).contains(&count), "joints", "2 to 8 names", &self.joints);
-        let limits = &self.acceleration_max;
-        check.require(
-            limits.len() == count,
-            "acceleration_max",
-            "one number for each joint",
-            limits,
-        );
-        for limit in limits {
-            check.positive("acceleration_max", *limit);
+        for (key, limits) in [
+            ("acceleration_max", &self.acceleration_max),
+            ("jerk_max", &self.jerk_max),
+            ("effort_rate_max", &self.effort_rate_max),
+        ] {
+            check.require(limits.len() == count, key, "one number for each joint", limits);
+            limits.iter().for_each(|limit| check.positive(key, *limit));
         }
         let gravity = &self.gravity_m_s2;
         let is_finite = gravity.iter().all(|g| g.is_finite());
@@ -380,7 +384,10 @@ impl Impedance {
     fn check(&self, check: &mut Check) {
         check.not_negative("stiffness_1_s2", self.stiffness_1_s2);
         check.not_negative("damping_1_s", self.damping_1_s);
-        check.positive("reference_time_constant_s", self.reference_time_constant_s);
+        // The longest step of the loop is 0.02 s: below a fourth of it the reference would oscillate.
+        let time = &self.reference_time_constant_s;
+        let expected = "at least 0.005 seconds";
+        check.require((0.005..=1e6).contains(time), "reference_time_constant_s", expected, time);
     }
 }
 

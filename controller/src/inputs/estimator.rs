@@ -1,0 +1,392 @@
+//! Which state of the robot is believed.
+//!
+//! Position, velocity and time stamp of a state are judged together, against the state that was believed
+//! last, by what the joints can do. What is new is told from what is old by sequence and stamp. A state that
+//! contradicts the last one is not believed, whatever its numbers: those that follow have to confirm it, for
+//! a time.
+
+use nalgebra::SVector;
+use tprmp_messages::{Reason, RobotState};
+
+/// Positions and velocities of the joints.
+#[derive(Debug, Clone, Copy)]
+pub struct JointState<const N: usize> {
+    /// q \[rad or m\].
+    pub position: SVector<f64, N>,
+    /// q̇ \[rad/s or m/s\].
+    pub velocity: SVector<f64, N>,
+}
+
+/// A measured speed beyond this multiple of the joint's limit is not believed.
+const SPEED_MULTIPLE_MAX: f64 = 2.0;
+/// A joint is believed to reach its largest speed from rest in this time \[s\]: a hard push, not a command.
+const SPEED_UP_S: f64 = 0.02;
+/// Noise of a velocity, as a fraction of the largest speed.
+const VELOCITY_NOISE: f64 = 0.1;
+/// Noise of a position and of its time stamp, as the time in which the largest speed covers it \[s\].
+const POSITION_NOISE_S: f64 = 0.01;
+/// The sum of what positions change by beside their velocities fades with this time constant \[s\] …
+const DRIFT_FADE_S: f64 = 0.25;
+/// … and may be what the largest speed covers in this time: a velocity that is not measured is found at
+/// eight hundredths of the largest speed \[s\].
+const DRIFT_MAX_S: f64 = 0.02;
+/// A contradicting state is believed once states have confirmed it for so long \[ns\] …
+const CONFIRMED_NS: u64 = 50_000_000;
+/// … and at least so many: a first state too.
+const CONFIRMED_BY: u32 = 3;
+/// States farther apart are judged as if so far apart: a stamp cannot make room for a jump \[s\].
+const GAP_MAX_S: f64 = 0.05;
+
+/// A state as it was measured.
+#[derive(Debug, Clone, Copy)]
+struct Measured<const N: usize> {
+    joints: JointState<N>,
+    sequence: u64,
+    time_ns: u64,
+}
+
+/// States that agree with each other, but not with the one that is believed.
+#[derive(Debug, Clone, Copy)]
+struct Candidate<const N: usize> {
+    last: Measured<N>,
+    since_ns: u64,
+    count: u32,
+    reason: Reason,
+}
+
+/// Judges the robot's states.
+#[derive(Debug)]
+pub struct StateEstimator<const N: usize> {
+    /// Largest speeds of the joints \[rad/s or m/s\].
+    speed_max: SVector<f64, N>,
+    /// How far a stamp may be from the time of reception \[ns\].
+    age_max_ns: u64,
+    /// More states that are missing in a row are a fault.
+    lost_in_a_row_max: u64,
+    believed: Option<Measured<N>>,
+    candidate: Option<Candidate<N>>,
+    /// Σ Δq − q̇ Δt, fading \[rad or m\].
+    drift: SVector<f64, N>,
+    /// Of the newest state.
+    verdict: Result<(), Reason>,
+    /// The number of the newest state, whatever was thought of it.
+    sequence: Option<u64>,
+    lost: u64,
+}
+
+impl<const N: usize> StateEstimator<N> {
+    /// No state has arrived yet.
+    ///
+    /// * `speed_max`  of the robot's description \[rad/s or m/s\]
+    /// * `age_max_ns`  how far a stamp may be from the time of reception \[ns\]
+    /// * `lost_in_a_row_max`  more missing states in a row are a fault
+    #[must_use]
+    pub fn new(speed_max: SVector<f64, N>, age_max_ns: u64, lost_in_a_row_max: u64) -> Self {
+        Self {
+            speed_max,
+            age_max_ns,
+            lost_in_a_row_max,
+            believed: None,
+            candidate: None,
+            drift: SVector::zeros(),
+            verdict: Err(Reason::StateStale),
+            sequence: None,
+            lost: 0,
+        }
+    }
+
+    /// Judges a state that was received at the time `now_ns` \[ns\]. No allocation.
+    pub fn update(&mut self, state: &RobotState, now_ns: u64) {
+        let before = self.sequence.replace(state.sequence);
+        // The very same message again is no news.
+        let same =
+            |last: &Measured<N>| (last.sequence, last.time_ns) == (state.sequence, state.time_ns);
+        let newest = self.candidate.map(|candidate| candidate.last).or(self.believed);
+        if before == Some(state.sequence) && newest.as_ref().is_some_and(same) {
+            return;
+        }
+        self.verdict = self.judge(state, now_ns);
+        let missing =
+            before.map_or(0, |last| state.sequence.saturating_sub(last).saturating_sub(1));
+        self.lost = self.lost.saturating_add(missing);
+        if self.verdict.is_ok() && missing > self.lost_in_a_row_max {
+            self.verdict = Err(Reason::StatesLost);
+        }
+    }
+
+    /// The joints as measured, where the newest state can be believed at the time `now_ns` \[ns\], and
+    /// when they were \[ns\].
+    ///
+    /// # Errors
+    /// Why it cannot be believed.
+    pub fn measured(&self, now_ns: u64) -> Result<(JointState<N>, u64), Reason> {
+        self.verdict?;
+        let Measured { joints, time_ns, .. } = self.believed.ok_or(Reason::StateStale)?;
+        if now_ns.abs_diff(time_ns) > self.age_max_ns {
+            return Err(Reason::StateStale);
+        }
+        Ok((joints, time_ns))
+    }
+
+    /// How many states are missing between those that arrived, by their numbers.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    fn judge(&mut self, state: &RobotState, now_ns: u64) -> Result<(), Reason> {
+        let [position, velocity] = state.check(N)?.map(SVector::from_column_slice);
+        let joints = JointState { position, velocity };
+        let now = Measured { joints, sequence: state.sequence, time_ns: state.time_ns };
+        // A stamp from the future is as wrong as an old one.
+        if now_ns.abs_diff(state.time_ns) > self.age_max_ns {
+            return Err(Reason::StateClock);
+        }
+        if (0..N).any(|i| velocity[i].abs() > SPEED_MULTIPLE_MAX * self.speed_max[i]) {
+            return Err(Reason::StateUnbelievable);
+        }
+        let Some(believed) = self.believed else {
+            return self.confirm(&now, Reason::StateUnconfirmed, 0, now_ns);
+        };
+        if let Err(reason) = self.follows(&believed, &now) {
+            return self.confirm(&now, reason, CONFIRMED_NS, now_ns);
+        }
+        self.accept(&believed, &now);
+        if (0..N).any(|i| self.drift[i].abs() > self.speed_max[i] * DRIFT_MAX_S) {
+            return Err(Reason::VelocityUnbelievable);
+        }
+        Ok(())
+    }
+
+    /// Whether the robot can have gone from one state to the other.
+    fn follows(&self, last: &Measured<N>, now: &Measured<N>) -> Result<(), Reason> {
+        if now.sequence <= last.sequence {
+            return Err(if now.sequence == last.sequence {
+                Reason::SequenceStuck
+            } else {
+                Reason::SequenceWentBack
+            });
+        }
+        if now.time_ns <= last.time_ns {
+            return Err(Reason::StateTimeStuck);
+        }
+        let elapsed_s = elapsed_s(last, now);
+        let beside = beside(last, now, elapsed_s);
+        let possible = (0..N).all(|i| {
+            let most = self.speed_max[i];
+            let change = (now.joints.velocity[i] - last.joints.velocity[i]).abs();
+            // Half of what the velocity may have risen by in between, and fallen again.
+            let between = 0.25 * most / SPEED_UP_S * elapsed_s * elapsed_s;
+            change <= most * (VELOCITY_NOISE + elapsed_s / SPEED_UP_S)
+                && beside[i].abs() <= most * POSITION_NOISE_S + between
+        });
+        if possible { Ok(()) } else { Err(Reason::StateUnbelievable) }
+    }
+
+    fn accept(&mut self, last: &Measured<N>, now: &Measured<N>) {
+        let elapsed_s = elapsed_s(last, now);
+        self.drift *= (-elapsed_s / DRIFT_FADE_S).exp();
+        self.drift += beside(last, now, elapsed_s);
+        self.believed = Some(*now);
+        self.candidate = None;
+    }
+
+    /// A state that does not follow the believed one: believed after `confirmed_ns` \[ns\] of states that
+    /// agree with it.
+    fn confirm(
+        &mut self,
+        now: &Measured<N>,
+        reason: Reason,
+        confirmed_ns: u64,
+        now_ns: u64,
+    ) -> Result<(), Reason> {
+        let again = self.candidate.filter(|last| self.follows(&last.last, now).is_ok());
+        let candidate = match again {
+            Some(last) => Candidate { last: *now, count: last.count + 1, ..last },
+            None => Candidate { last: *now, since_ns: now_ns, count: 1, reason },
+        };
+        let agreed_ns = now_ns.saturating_sub(candidate.since_ns);
+        if candidate.count >= CONFIRMED_BY && agreed_ns >= confirmed_ns {
+            self.believed = Some(*now);
+            self.candidate = None;
+            self.drift = SVector::zeros();
+            return Ok(());
+        }
+        self.candidate = Some(candidate);
+        Err(candidate.reason)
+    }
+}
+
+fn elapsed_s<const N: usize>(last: &Measured<N>, now: &Measured<N>) -> f64 {
+    (now.time_ns.saturating_sub(last.time_ns) as f64 * 1e-9).min(GAP_MAX_S)
+}
+
+/// What the positions changed by beside their mean velocity \[rad or m\].
+fn beside<const N: usize>(
+    last: &Measured<N>,
+    now: &Measured<N>,
+    elapsed_s: f64,
+) -> SVector<f64, N> {
+    let mean = (last.joints.velocity + now.joints.velocity) * 0.5;
+    now.joints.position - last.joints.position - mean * elapsed_s
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector2;
+
+    const MS: u64 = 1_000_000;
+    const SPEED_MAX: f64 = 3.0;
+
+    fn estimator() -> StateEstimator<2> {
+        StateEstimator::new(Vector2::repeat(SPEED_MAX), 50 * MS, 100)
+    }
+
+    /// Joints that move at 0.5 and −0.2 rad/s, as state number `k` of 500 a second.
+    fn state(k: u64) -> RobotState {
+        let t = k as f64 * 2e-3;
+        let mut state =
+            RobotState { sequence: k, time_ns: k * 2 * MS, joint_count: 2, ..Default::default() };
+        state.position[..2].copy_from_slice(&[0.5 * t, 1.0 - 0.2 * t]);
+        state.velocity[..2].copy_from_slice(&[0.5, -0.2]);
+        state
+    }
+
+    fn judged(estimator: &mut StateEstimator<2>, state: &RobotState) -> Result<(), Reason> {
+        estimator.update(state, state.time_ns);
+        estimator.measured(state.time_ns).map(|_| ())
+    }
+
+    fn running(until: u64) -> StateEstimator<2> {
+        let mut estimator = estimator();
+        for k in 1..until {
+            let expected = if k < 3 { Err(Reason::StateUnconfirmed) } else { Ok(()) };
+            assert_eq!(judged(&mut estimator, &state(k)), expected, "{k}");
+        }
+        estimator
+    }
+
+    #[test]
+    fn one_wrong_state_is_not_believed_however_often_it_is_looked_at() {
+        type Fault = fn(&mut RobotState);
+        let faults: [(Fault, Reason); 9] = [
+            (|s| s.position[0] += 2.0, Reason::StateUnbelievable),
+            (|s| s.position[0] = 1e6, Reason::StateUnbelievable),
+            (|s| s.velocity[1] = 5.0, Reason::StateUnbelievable),
+            (|s| s.velocity[1] = 60.0, Reason::StateUnbelievable),
+            (|s| s.position[1] = f64::NAN, Reason::StateNotFinite),
+            (|s| s.sequence = 3, Reason::SequenceWentBack),
+            (|s| s.sequence -= 1, Reason::SequenceStuck),
+            (|s| s.time_ns -= 2 * MS, Reason::StateTimeStuck),
+            (|s| s.joint_count = 3, Reason::JointCount),
+        ];
+        for (fault, reason) in faults {
+            let mut estimator = running(100);
+            let mut wrong = state(100);
+            fault(&mut wrong);
+            for _ in 0..10 {
+                assert_eq!(judged(&mut estimator, &wrong), Err(reason));
+            }
+            assert_eq!(judged(&mut estimator, &state(101)), Ok(()), "{reason:?}");
+        }
+    }
+
+    #[test]
+    fn a_stamp_makes_no_room_for_a_jump() {
+        let mut estimator = running(100);
+        let mut wrong = state(100);
+        wrong.time_ns += 3_600_000 * MS;
+        wrong.position[0] += 10.0;
+        assert_eq!(judged(&mut estimator, &wrong), Err(Reason::StateUnbelievable));
+        estimator.update(&wrong, state(100).time_ns);
+        assert_eq!(estimator.measured(state(100).time_ns).unwrap_err(), Reason::StateUnbelievable);
+        let mut other_clock = state(101);
+        other_clock.time_ns += 1_000 * MS;
+        estimator.update(&other_clock, state(101).time_ns);
+        assert_eq!(estimator.measured(state(101).time_ns).unwrap_err(), Reason::StateClock);
+    }
+
+    #[test]
+    fn a_jump_is_believed_once_states_have_confirmed_it_for_a_time() {
+        let mut estimator = running(100);
+        let moved = |k| {
+            let mut state = state(k);
+            state.position[0] += 2.0;
+            state
+        };
+        for k in 100..125 {
+            assert_eq!(judged(&mut estimator, &moved(k)), Err(Reason::StateUnbelievable), "{k}");
+        }
+        assert_eq!(judged(&mut estimator, &moved(125)), Ok(()));
+        // Three at once are no confirmation.
+        for k in 126..130 {
+            estimator.update(&state(k), 126 * 2 * MS);
+            assert!(estimator.measured(126 * 2 * MS).is_err());
+        }
+        // Jumps that contradict each other are never believed.
+        for k in 130..400 {
+            let wrong = if k % 2 == 0 { state(k) } else { moved(k + 1_000_000) };
+            assert!(judged(&mut estimator, &wrong).is_err() || k % 2 == 1, "{k}");
+        }
+    }
+
+    #[test]
+    fn a_velocity_that_is_not_the_derivative_of_the_position_is_found() {
+        let faults: [fn(f64) -> f64; 3] = [|_| 0.0, |v| -v, f64::to_degrees];
+        for fault in faults {
+            let mut estimator = running(3);
+            let found = (3..200).find(|&k| {
+                let mut state = state(k);
+                state.velocity[0] = fault(state.velocity[0] * 0.1);
+                state.velocity[1] = fault(state.velocity[1] * 0.1);
+                judged(&mut estimator, &state).is_err()
+            });
+            assert!(found.is_some());
+        }
+    }
+
+    #[test]
+    fn what_is_missing_is_counted_and_much_of_it_is_a_fault() {
+        let mut estimator = running(100);
+        assert_eq!(judged(&mut estimator, &state(110)), Ok(()));
+        assert_eq!(estimator.lost(), 10);
+        let mut later = state(111);
+        later.sequence += 200;
+        assert_eq!(judged(&mut estimator, &later), Err(Reason::StatesLost));
+        assert_eq!(estimator.lost(), 210);
+    }
+
+    #[test]
+    fn hard_pushes_noise_and_slow_publishers_are_believed() {
+        for period_ms in [1, 2, 4, 8, 20] {
+            let mut estimator = estimator();
+            let (mut position, mut velocity) = (0.0, 0.0_f64);
+            let mut seed = 1_u64;
+            for k in 1..2000 {
+                let dt = f64::from(period_ms) * 1e-3;
+                // 100 rad/s² for 30 ms, to and fro, as far as the joint's speed goes.
+                let push = match (k * u64::from(period_ms as u32) / 30) % 8 {
+                    1 => 100.0,
+                    3 => -100.0,
+                    _ => 0.0,
+                };
+                let before = velocity;
+                velocity = (velocity + push * dt).clamp(-SPEED_MAX, SPEED_MAX);
+                position += 0.5 * (before + velocity) * dt;
+                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                let noise = (seed >> 33) as f64 / f64::from(1_u32 << 31) - 0.5;
+                let mut state = RobotState {
+                    sequence: k,
+                    time_ns: k * u64::from(period_ms as u32) * MS,
+                    joint_count: 2,
+                    ..Default::default()
+                };
+                state.position[0] = position + 2e-3 * noise;
+                state.velocity[0] = velocity + 0.1 * noise;
+                let judged = judged(&mut estimator, &state);
+                assert!(judged.is_ok() || k < 3, "{period_ms} ms, {k}: {judged:?}");
+            }
+        }
+    }
+}
