@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use glam::DQuat;
 use nalgebra::SVector;
 use proptest::prelude::*;
+use tprmp_controller::inputs::estimator::JointState;
 use tprmp_controller::inputs::external::ExternalCommand;
 use tprmp_controller::inputs::scene::Scene;
-use tprmp_controller::inputs::state::{JointState, check_state};
 use tprmp_controller::motion::generator::{MotionGenerator, Setpoint};
 use tprmp_controller::motion::limits::JointLimits;
 use tprmp_controller::policy::{RobotPolicy, Task, TaskParameters};
@@ -76,17 +76,36 @@ fn measured() -> impl Strategy<Value = Measured> {
 
 fn inside(
     setpoint: &Setpoint<N>,
+    before: &mut Option<Setpoint<N>>,
     limits: &JointLimits<N>,
     chain: &Chain<N>,
+    dt: f64,
 ) -> Result<(), TestCaseError> {
     let torque = setpoint.torques.motion + setpoint.torques.gravity;
+    if let Some(before) = before.replace(*setpoint) {
+        let (motion, last) = (&setpoint.motion, &before.motion);
+        for (now, last, rate) in [
+            (&motion.position, &last.position, &limits.velocity_max),
+            (&motion.velocity, &last.velocity, &limits.acceleration_max),
+            (&motion.acceleration, &last.acceleration, &limits.jerk_max),
+            (&setpoint.torques.motion, &before.torques.motion, &limits.effort_rate_max),
+            (&setpoint.torques.gravity, &before.torques.gravity, &limits.effort_rate_max),
+        ] {
+            for i in 0..N {
+                let step = (now[i] - last[i]).abs();
+                prop_assert!(step <= rate[i] * dt * (1.0 + 1e-6) + 1e-9, "{step} {}", rate[i] * dt);
+            }
+        }
+    }
     for i in 0..N {
-        let position = setpoint.position[i];
+        let position = setpoint.motion.position[i];
         prop_assert!(
             position >= chain.position_lower()[i] && position <= chain.position_upper()[i]
         );
-        prop_assert!(setpoint.velocity[i].abs() <= limits.velocity_max[i] * (1.0 + 1e-12));
-        prop_assert!(setpoint.acceleration[i].abs() <= limits.acceleration_max[i] * (1.0 + 1e-12));
+        prop_assert!(setpoint.motion.velocity[i].abs() <= limits.velocity_max[i] * (1.0 + 1e-12));
+        prop_assert!(
+            setpoint.motion.acceleration[i].abs() <= limits.acceleration_max[i] * (1.0 + 1e-12)
+        );
         prop_assert!(torque[i].abs() <= limits.effort_max[i] * (1.0 + 1e-12));
         prop_assert!(setpoint.torques.gravity[i].abs() <= limits.effort_max[i]);
         prop_assert!(setpoint.torques.motion[i].is_finite());
@@ -177,6 +196,7 @@ proptest! {
         let mut scene = Scene::new(names.into(), 1);
         let range = chain.position_upper() - chain.position_lower();
         let mut q = chain.position_lower() + range.component_mul(&Joints::from(start));
+        let mut before = None;
         for (k, (first, second, obstacles, velocity, desired, dt)) in messages.into_iter().enumerate() {
             let mut state = RobotState { joint_count: N as u32, ..Default::default() };
             state.position[..N].copy_from_slice(q.as_slice());
@@ -199,7 +219,10 @@ proptest! {
             frames.frames[..2].copy_from_slice(&[first, second]);
             frames.obstacles[..obstacles.len()].copy_from_slice(&obstacles);
             let updated = scene.update(&frames, &loaded.config.frame_observer);
-            let measured = check_state(&state, chain);
+            let measured = state.check(N).map(|[position, velocity]| JointState {
+                position: Joints::from_column_slice(position),
+                velocity: Joints::from_column_slice(velocity),
+            });
             let decided = updated.and(measured).and_then(|state| {
                 let parameters = TaskParameters {
                     frames: scene.frames(),
@@ -216,10 +239,11 @@ proptest! {
                         motion.follow(chain, &state, &decision.acceleration, dt)
                     })
             });
-            let setpoint = decided.ok().or_else(|| motion.brake(chain, measured.ok(), dt));
+            let brake = |motion: &mut MotionGenerator<N>| motion.brake(chain, measured.ok(), dt);
+            let setpoint = decided.ok().or_else(|| brake(&mut motion).map(|(setpoint, _)| setpoint));
             if let Some(setpoint) = setpoint {
-                inside(&setpoint, &limits, chain)?;
-                q = setpoint.position;
+                inside(&setpoint, &mut before, &limits, chain, dt)?;
+                q = setpoint.motion.position;
             }
         }
     }
@@ -236,6 +260,7 @@ proptest! {
         let range = chain.position_upper() - chain.position_lower();
         let place = |fraction: &[f64; N]| chain.position_lower() + range.component_mul(&Joints::from(*fraction));
         let (mut q, mut qd) = (place(&start), Joints::zeros());
+        let mut before = None;
         for (event, measured) in &ticks {
             if let Some(fraction) = &measured.elsewhere {
                 q = place(fraction);
@@ -250,17 +275,20 @@ proptest! {
                     let setpoint = motion.follow(&chain, &state, wanted, dt);
                     let finite = wanted.iter().all(|a| a.is_finite());
                     prop_assert_eq!(setpoint.is_ok(), finite);
-                    setpoint.ok().or_else(|| motion.brake(&chain, Some(state), dt))
+                    let brake = |_| motion.brake(&chain, Some(state), dt).map(|(setpoint, _)| setpoint);
+                    setpoint.map(Some).unwrap_or_else(brake)
                 }
-                Event::Brake { measured } => motion.brake(&chain, measured.then_some(state), dt),
+                Event::Brake { measured } => {
+                    motion.brake(&chain, measured.then_some(state), dt).map(|(setpoint, _)| setpoint)
+                }
                 Event::Gap => {
-                    motion.mark_stale();
-                    motion.brake(&chain, Some(state), dt)
+                    motion.robot_brakes();
+                    motion.brake(&chain, Some(state), dt).map(|(setpoint, _)| setpoint)
                 }
             };
             if let Some(setpoint) = setpoint {
-                inside(&setpoint, &limits, &chain)?;
-                (q, qd) = (setpoint.position, setpoint.velocity);
+                inside(&setpoint, &mut before, &limits, &chain, dt)?;
+                (q, qd) = (setpoint.motion.position, setpoint.motion.velocity);
             }
         }
     }
@@ -280,9 +308,13 @@ proptest! {
         let range = chain.position_upper() - chain.position_lower();
         let position = chain.position_lower() + range.component_mul(&Joints::from(start));
         let state = JointState { position, velocity };
-        prop_assert!(motion.follow(&chain, &state, &Joints::zeros(), dt).is_ok());
+        // Pushed up to speed.
+        for _ in 0..200 {
+            prop_assert!(motion.follow(&chain, &state, &Joints::zeros(), dt).is_ok());
+        }
         let deceleration = config.stop.deceleration_fraction * limits.acceleration_max.min();
-        let longest_s = limits.velocity_max.max() / deceleration;
+        let turned_s = limits.acceleration_max.component_div(&limits.jerk_max).max();
+        let longest_s = limits.velocity_max.max() / deceleration + 4.0 * turned_s;
         let mut passed_s = 0.0;
         while !motion.reference_rests() {
             motion.brake(&chain, measured.then_some(state), dt);
