@@ -19,6 +19,8 @@ use crate::common::{Controller, Outcome, PLANE, POSES, Setting, answer, file};
 mod common;
 
 const MS: u64 = 1_000_000;
+/// The first states confirm each other: nothing is commanded before.
+const CONFIRMING: u64 = 2;
 
 /// What the arm was commanded, and how the controller ended.
 struct Motion {
@@ -68,15 +70,19 @@ fn run(
         frames.sequence += 1;
         let time_ns = 1000 * MS + state.sequence * MS;
         (state.time_ns, frames.time_ns) = (time_ns, time_ns);
+        let tick = state.sequence.saturating_sub(CONFIRMING);
         if let Some((desired, port)) = &commander
-            && let Some(command) = desired(state.sequence, time_ns)
+            && let Some(command) = (tick > 0).then(|| desired(tick, time_ns)).flatten()
         {
             assert!(port.command.publish(command));
         }
         assert!(ports.frames.publish(frames) && ports.state.publish(state));
-        commands.push(answer(&ports, state.sequence));
+        let command = answer(&ports, state.sequence);
+        if tick > 0 {
+            commands.push(command);
+        }
     };
-    (0..ticks).for_each(|_| step());
+    (0..ticks + CONFIRMING).for_each(|_| step());
     let outcome = controller.stop(|| {
         state.sequence += 1;
         state.time_ns += MS;
