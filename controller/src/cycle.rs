@@ -9,27 +9,32 @@
 use core::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 
-use tprmp_messages::{CommandMode, ControllerPorts, LifeCycle, Reason};
-use tprmp_model::controller_config::{ControllerConfig, Trigger};
+use tprmp_messages::{CommandMode, ControllerPorts, GripperCommand, LifeCycle, Reason};
+use tprmp_model::controller_config::{ControllerConfig, Fallback, Supervision, Trigger};
 
+use crate::control::journal::Entry;
+use crate::control::requests::Setting;
+use crate::control::server::{Exchange, Replacement, Shared};
+use crate::control::supervisor::{Kind, Supervisor, kind};
 use crate::inputs::estimator::JointState;
 use crate::inputs::external::ExternalCommand;
 use crate::inputs::inbox::Inbox;
-use crate::inputs::scene::Scene;
-use crate::motion::generator::MotionGenerator;
+use crate::motion::generator::{MotionGenerator, Setpoint};
 use crate::motion::limits::JointLimits;
 use crate::outbox::Outbox;
 use crate::peers::Peers;
-use crate::policy::{Decision, RobotPolicy, TaskParameters, Workspace};
+use crate::policy::{Decision, Retreat, RobotPolicy, TaskParameters, Workspace};
 use crate::task::stall::{Progress, StallDetector};
 use crate::task::state::{Remaining, TaskState};
-use crate::telemetry::{RunOutcome, SharedStatus, Telemetry, TickRecord, TickTimes};
+use crate::telemetry::{RunOutcome, Telemetry, TickRecord, TickTimes};
 use crate::timing::loop_timing::LoopTiming;
 use crate::timing::pacing::{Pacing, Wake};
 use crate::timing::realtime::{PageFaults, monotonic_ns, sleep_until};
 
 /// Pause between two looks for the first state and frames \[ns\].
 const CONNECT_POLL_NS: u64 = 1_000_000;
+/// Time constant with which a changed setting takes effect \[s\].
+const SETTING_TIME_S: f64 = 0.3;
 /// With `until_done`, the task has to stay done for so long \[ns\].
 const DONE_NS: u64 = 1_000_000_000;
 
@@ -43,6 +48,13 @@ pub struct Cycle<const N: usize> {
     motion: MotionGenerator<N>,
     /// Why the arm is being brought to rest. The policy is not followed before it rests.
     braking_for: Option<Reason>,
+    /// Whether that lasts, or the arm has only to come to rest.
+    lasts: bool,
+    supervisor: Supervisor,
+    shared: Shared,
+    exchange: Option<Exchange<N>>,
+    /// What the controller before this one was doing, where it did not end by itself.
+    last_entry: Option<Entry>,
     stopping_since_ns: Option<u64>,
     until_done: bool,
     timing: LoopTiming,
@@ -63,26 +75,37 @@ impl<const N: usize> Cycle<N> {
     /// Puts a loop together. Allocates: at start-up only.
     #[must_use]
     pub fn new(
-        policy: RobotPolicy<N>,
-        scene: Scene,
+        new: Replacement<N>,
         config: &ControllerConfig,
         pacing: Pacing,
         until_done: bool,
         ports: ControllerPorts,
+        shared: Shared,
     ) -> Self {
+        let Replacement { policy, workspace, scene } = new;
         let limits = JointLimits::new(policy.chain(), &config.robot);
         Self {
-            workspace: policy.workspace(),
+            workspace,
             task: TaskState::new(config.lift, config.done, policy.has_orientation()),
             stall: StallDetector::default(),
             motion: MotionGenerator::new(limits, config),
             braking_for: None,
+            lasts: false,
+            supervisor: Supervisor::new(&config.supervision, false),
+            exchange: None,
+            last_entry: None,
             stopping_since_ns: None,
             until_done,
             timing: LoopTiming::new(config.cycle.clone(), pacing),
             telemetry: Telemetry::new(),
             inbox: Inbox::new(scene, policy.chain(), config, pacing == Pacing::Lockstep),
-            outbox: Outbox::new(N, &config.cycle, pacing == Pacing::Lockstep),
+            outbox: Outbox::new(
+                N,
+                &config.cycle,
+                pacing == Pacing::Lockstep,
+                Arc::clone(&shared.status),
+            ),
+            shared,
             peers: Peers::new(ports),
             policy,
         }
@@ -94,10 +117,19 @@ impl<const N: usize> Cycle<N> {
         &self.telemetry
     }
 
-    /// Where the loop stores its life cycle and reason, for a thread that shows them.
+    /// The controller before this one did not end by itself, and was doing this.
     #[must_use]
-    pub fn shared_status(&self) -> Arc<SharedStatus> {
-        self.outbox.shared()
+    pub fn after(mut self, last: Option<Entry>, config: &Supervision) -> Self {
+        self.supervisor = Supervisor::new(config, last.is_some());
+        self.last_entry = last;
+        self
+    }
+
+    /// Takes new policies from here, at the beginning of a tick.
+    #[must_use]
+    pub fn exchanging(mut self, exchange: Exchange<N>) -> Self {
+        self.exchange = Some(exchange);
+        self
     }
 
     /// Runs until `stop` is set, or the task is done where that was asked for; then brings the
@@ -128,6 +160,7 @@ impl<const N: usize> Cycle<N> {
             self.read(now_ns);
             let read_ns = monotonic_ns();
 
+            self.take_requests(dt);
             self.check_gap(&wake);
             self.check_stop(stop, now_ns);
             let measured = self.measure(now_ns);
@@ -159,7 +192,8 @@ impl<const N: usize> Cycle<N> {
         while !stop.load(Ordering::Relaxed) {
             // Only looks: a lockstep publisher's first state must get its tick in the loop.
             let Err(missing) = self.inbox.connect(self.peers.ports()) else {
-                self.task.begin(self.inbox.gripper().unwrap_or_default());
+                let gripper = self.inbox.gripper().unwrap_or_default();
+                self.task.begin(gripper, self.last_entry.as_ref());
                 return true;
             };
             self.publish_status(missing, monotonic_ns(), &TickTimes::default());
@@ -202,6 +236,33 @@ impl<const N: usize> Cycle<N> {
         }
     }
 
+    /// Takes what was asked for from outside since the last tick.
+    fn take_requests(&mut self, dt: f64) {
+        self.supervisor.take(&self.shared.requests);
+        let fraction = dt / (dt + SETTING_TIME_S);
+        for setting in Setting::ALL {
+            let Some(target) = self.shared.requests.setting(setting) else { continue };
+            let value = match setting {
+                Setting::LinearMax => &mut self.policy.governor().linear_max_m_s,
+                Setting::AngularMax => &mut self.policy.governor().angular_max_rad_s,
+                Setting::Stiffness => &mut self.motion.impedance().stiffness_1_s2,
+                Setting::Damping => &mut self.motion.impedance().damping_1_s,
+            };
+            *value += (target - *value) * fraction;
+        }
+        let Self { policy, workspace, task, inbox, exchange, .. } = self;
+        if let Some(exchange) = exchange {
+            exchange.take(|new| {
+                *new.policy.governor() = *policy.governor();
+                core::mem::swap(policy, &mut new.policy);
+                core::mem::swap(workspace, &mut new.workspace);
+                core::mem::swap(&mut inbox.scene, &mut new.scene);
+                inbox.update_scene();
+                task.set_has_orientation(policy.has_orientation());
+            });
+        }
+    }
+
     /// Begins to stop when that was asked for, or the task has been done for long enough.
     fn check_stop(&mut self, stop: &AtomicBool, now_ns: u64) {
         let done = self.until_done && self.task.done_for_ns(now_ns) >= DONE_NS;
@@ -224,9 +285,11 @@ impl<const N: usize> Cycle<N> {
         measured: Result<JointState<N>, Reason>,
         now_ns: u64,
     ) -> Result<JointState<N>, Reason> {
+        self.lasts = true;
         if self.stopping_since_ns.is_some() {
             return Err(Reason::StopRequested);
         }
+        self.supervisor.check_fault()?;
         self.inbox.robot_permits().inspect_err(|_| self.motion.robot_brakes())?;
         let state = measured?;
         if !self.motion.limits().contain(&state.position) {
@@ -236,7 +299,13 @@ impl<const N: usize> Cycle<N> {
         if self.timing.overruns.stop() {
             return Err(Reason::Overrun);
         }
+        self.task.check_gripper(self.inbox.gripper()?)?;
+        self.supervisor.check_request()?;
         // Whatever has gone wrong: first to rest, then on.
+        self.lasts = false;
+        if self.braking_for.is_some() {
+            self.motion.hold();
+        }
         if !self.motion.may_follow(&state) {
             return Err(self.braking_for.unwrap_or(Reason::ArmElsewhere));
         }
@@ -282,6 +351,8 @@ impl<const N: usize> Cycle<N> {
         let (life_cycle, remaining) =
             self.task.advance(gripper, &decision.tool, &decision.goal, now_ns, dt);
         self.outbox.set_remaining(&remaining, decision.energy);
+        let gripping = self.task.gripper() == GripperCommand::Grip;
+        self.shared.task.store(gripping, self.task.lift_goal());
         Ok(self.detect_stall(state, life_cycle, &remaining, &decision, dt))
     }
 
@@ -309,8 +380,13 @@ impl<const N: usize> Cycle<N> {
     /// brake.
     fn brake(&mut self, measured: Option<JointState<N>>, reason: Reason, dt: f64) -> CommandMode {
         self.braking_for = Some(reason);
+        self.supervisor.fail(reason);
         // Whether the arm makes progress is judged anew once it goes on.
         self.stall = StallDetector::default();
+        if let Some(setpoint) = self.fall_back(measured, reason, dt) {
+            self.outbox.set(&setpoint);
+            return CommandMode::Hold;
+        }
         match self.motion.brake(self.policy.chain(), measured, dt) {
             Some((setpoint, mode)) => {
                 self.outbox.set(&setpoint);
@@ -318,6 +394,36 @@ impl<const N: usize> Cycle<N> {
             }
             None => CommandMode::Stop,
         }
+    }
+
+    /// What the arm does in place of holding, once it was brought to rest, while the reason lasts.
+    fn fall_back(
+        &mut self,
+        measured: Option<JointState<N>>,
+        reason: Reason,
+        dt: f64,
+    ) -> Option<Setpoint<N>> {
+        let state = measured.filter(|_| self.lasts && self.motion.may_leave_rest())?;
+        let retreat = match (self.supervisor.fallback(reason), kind(reason)) {
+            (Fallback::Hold, _) => return None,
+            (Fallback::GravityOnly, _) => {
+                return self.motion.give_way(self.policy.chain(), &state, dt);
+            }
+            (Fallback::Retreat(_), Kind::Frames) => Retreat::Frames,
+            (Fallback::Retreat(_), _) => Retreat::Request,
+        };
+        let scene = &self.inbox.scene;
+        let parameters = TaskParameters {
+            frames: scene.frames(),
+            goal_frame: scene.goal_frame(),
+            obstacles: scene.obstacles(),
+            external: None,
+            dt_s: dt,
+        };
+        let Self { policy, workspace, motion, .. } = self;
+        let at = (&state.position, &state.velocity);
+        let wanted = policy.retreat(retreat, at, &parameters, workspace).ok()??;
+        motion.retreat(policy.chain(), &state, &wanted, dt)
     }
 
     /// Whether a stop was asked for and the arm rests, or the longest time for it has passed.
@@ -345,7 +451,7 @@ impl<const N: usize> Cycle<N> {
         let published_ns = monotonic_ns();
         let timed = self.timing.pacing() != Pacing::Lockstep;
         // A state that was refused was not used.
-        let used_ns = self.inbox.state_time_ns().filter(|_| follows_policy(reason));
+        let used_ns = self.inbox.state_time_ns().filter(|_| kind(reason) == Kind::Following);
         let tick = TickRecord {
             time_ns: published_ns,
             times: TickTimes {
@@ -366,19 +472,10 @@ impl<const N: usize> Cycle<N> {
     }
 
     fn publish_status(&mut self, reason: Reason, now_ns: u64, times: &TickTimes) {
-        let life_cycle = match reason {
-            _ if follows_policy(reason) => self.task.life_cycle(),
-            Reason::StopRequested => LifeCycle::Stopping,
-            _ if self.motion.is_new() => LifeCycle::Waiting,
-            _ => LifeCycle::Holding,
-        };
+        let (task, is_new) = (self.task.life_cycle(), self.motion.is_new());
+        let life_cycle = self.supervisor.life_cycle(reason, task, is_new);
         let Self { outbox, peers, telemetry, inbox, .. } = self;
         let measured = (times, inbox.states_lost());
         outbox.publish_status(peers, (life_cycle, reason), telemetry, measured, now_ns);
     }
-}
-
-/// Whether the policy was followed, with or without progress.
-fn follows_policy(reason: Reason) -> bool {
-    matches!(reason, Reason::None | Reason::Blocked | Reason::Unreachable)
 }

@@ -5,6 +5,7 @@
 //! before it. Start-up may allocate, read files and fail loudly; the cycle may do none of that.
 
 pub mod commands;
+pub mod control;
 pub mod cycle;
 pub mod inputs;
 pub mod motion;

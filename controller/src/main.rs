@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use tprmp_controller::commands::ctl::Ctl;
 use tprmp_controller::commands::run::Run;
 use tprmp_controller::commands::soak::Soak;
 use tprmp_controller::commands::{check, top};
@@ -50,6 +51,8 @@ enum Command {
         #[arg(long)]
         once: bool,
     },
+    /// Ask a running controller: how it is, to start, hold, stop, reset a fault, swap its model or set a gain.
+    Ctl(Ctl),
     /// Run a controller for a long time beside a publisher that is killed and started again at random.
     ///
     /// Judged are allocations, memory and schedule. The exit code is 1 when something does not hold.
@@ -63,6 +66,7 @@ fn main() -> ExitCode {
         Command::Run(run) => exit(run.run()),
         Command::Check { config, model } => exit(check::check(&config, &model)),
         Command::Top { instance, once } => exit(top::top(&instance, once)),
+        Command::Ctl(ctl) => exit(ctl.run()),
         Command::Soak(soak) => exit(soak.run()),
         Command::Layout => {
             print_layout();

@@ -26,7 +26,7 @@ pub struct Outbox {
 impl Outbox {
     /// Nothing was published yet. In lockstep, each tick has its status.
     #[must_use]
-    pub fn new(joints: usize, config: &Loop, lockstep: bool) -> Self {
+    pub fn new(joints: usize, config: &Loop, lockstep: bool, shared: Arc<SharedStatus>) -> Self {
         Self {
             command: JointCommand { joint_count: joints as u32, ..Default::default() },
             status: ControllerStatus {
@@ -35,16 +35,10 @@ impl Outbox {
                 goal_angle_rad: f64::INFINITY,
                 ..Default::default()
             },
-            shared: Arc::default(),
+            shared,
             command_lifetime_ns: config.command_lifetime_ns,
             status_every_ticks: if lockstep { 1 } else { config.status_every_ticks.into() },
         }
-    }
-
-    /// Where the loop stores its life cycle and reason.
-    #[must_use]
-    pub fn shared(&self) -> Arc<SharedStatus> {
-        Arc::clone(&self.shared)
     }
 
     /// Whether a command was published and has expired at the time `now_ns` \[ns\].

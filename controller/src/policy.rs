@@ -6,7 +6,7 @@ use core::ops::Range;
 use glam::DVec3;
 use nalgebra::SVector;
 use tprmp_model::controller_config::{
-    Collision, ControllerConfig, ExemptObstacle, Exemption, PostureLeaf,
+    Collision, ControllerConfig, ExemptObstacle, Exemption, Fallback, Fallbacks, PostureLeaf,
 };
 use tprmp_rmpflow::leaves::{
     self, ApproachFunnel, Body, JointLimits, JointSpeedLimits, Obstacle, Part, PoseAttractor,
@@ -14,7 +14,7 @@ use tprmp_rmpflow::leaves::{
 };
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::policy::{PolicyState, SkillInertia, SkillPolicy, SkillValue, SpeedGovernor};
-use tprmp_rmpflow::tree::{Tree, TreeState};
+use tprmp_rmpflow::tree::{Resolved, Tree, TreeState};
 use tprmp_robot::{
     CONTROL_POINT_CAPACITY, Chain, ControlPoint, ControlPoints, Kinematics, SelfPairs,
     forward_kinematics_with_velocity, point_motion, point_position,
@@ -36,6 +36,8 @@ pub struct RobotPolicy<const N: usize> {
     points: Vec<AvoidingPoint>,
     parts: Vec<LinkPart>,
     tree: Tree<N>,
+    /// The tree with the posture to which the arm retreats, for faulty frames and for requests.
+    retreats: [Option<Tree<N>>; 2],
 }
 
 /// A learned skill as a leaf on the tool.
@@ -215,6 +217,15 @@ pub enum Task {
     Reach(Pose),
 }
 
+/// Why the arm retreats.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Retreat {
+    /// Frames or obstacles are faulty.
+    Frames,
+    /// Somebody asked for a hold, or has not asked for a start.
+    Request,
+}
+
 /// The task parameters of a tick.
 #[derive(Debug, Clone, Copy)]
 pub struct TaskParameters<'a> {
@@ -321,7 +332,16 @@ impl<const N: usize> RobotPolicy<N> {
         Self {
             parts,
             points,
-            tree: tree(&chain, control_points, config),
+            tree: tree(&chain, control_points, config, config.posture.as_ref()),
+            retreats: {
+                let Fallbacks { frames, request, .. } = &config.supervision.fallback;
+                [frames, request].map(|fallback| match fallback {
+                    Fallback::Retreat(posture) => {
+                        Some(tree(&chain, control_points, config, Some(posture)))
+                    }
+                    Fallback::Hold | Fallback::GravityOnly => None,
+                })
+            },
             chain,
             skills,
             attractor: config.goal_attractor,
@@ -348,6 +368,11 @@ impl<const N: usize> RobotPolicy<N> {
     #[must_use]
     pub fn chain(&self) -> &Chain<N> {
         &self.chain
+    }
+
+    /// What bounds the velocities that the first skill asks for.
+    pub fn governor(&mut self) -> &mut SpeedGovernor {
+        &mut self.skills[0].governor
     }
 
     /// Whether the first skill acts on the orientation too.
@@ -447,33 +472,13 @@ impl<const N: usize> RobotPolicy<N> {
         let tool = kinematics.tool_pose();
         let leaves = self.tool_leaves(task, parameters, kinematics, &mut workspace.skills);
         let ToolLeaves { root, energy, learned_energy, goal } = leaves;
-
-        workspace.centres.forget();
-        workspace.motions.forget();
-        for (centre, part) in workspace.part_centres.iter_mut().zip(&self.parts) {
-            *centre = point_position(kinematics, part.joint, part.centre);
-        }
-        let links = Links {
-            policy: self,
-            kinematics,
-            part_centres: &workspace.part_centres,
-            centres: &workspace.centres,
-            motions: &workspace.motions,
-            tool: &tool,
-            tool_goal: match task {
-                Task::Skill => &goal,
-                Task::Reach(pose) => pose,
-            },
+        let tool_goal = match task {
+            Task::Skill => goal,
+            Task::Reach(pose) => *pose,
         };
-        let tick = Tick {
-            task: leaves::Task { natural: root, energy },
-            position: *q,
-            velocity: *qd,
-            body: &links,
-            obstacles: parameters.obstacles,
-            dt_s: parameters.dt_s,
-        };
-        let resolved = self.tree.evaluate(&tick, &mut workspace.tree)?;
+        let task = leaves::Task { natural: root, energy };
+        let resolved =
+            self.resolve(&self.tree, task, &tool_goal, (q, qd), parameters, workspace)?;
         // What an external command moves into an obstacle is no reason for the skills to go on.
         let commanded = parameters.external.is_some_and(ExternalCommand::is_active);
         let obstructed_fraction = resolved.proximity.obstructed_fraction;
@@ -493,6 +498,63 @@ impl<const N: usize> RobotPolicy<N> {
             },
         })
     }
+
+    /// The acceleration towards the posture to which the arm retreats \[rad/s² or m/s²\], around the obstacles
+    /// that are known; `None` where it does not retreat. Hot path: no allocation.
+    ///
+    /// # Errors
+    /// When the root cannot be resolved: the caller stops the arm.
+    pub fn retreat(
+        &self,
+        retreat: Retreat,
+        (q, qd): (&SVector<f64, N>, &SVector<f64, N>),
+        parameters: &TaskParameters<'_>,
+        workspace: &mut Workspace<N>,
+    ) -> Result<Option<SVector<f64, N>>, ResolveError> {
+        let Some(tree) = &self.retreats[retreat as usize] else { return Ok(None) };
+        forward_kinematics_with_velocity(&self.chain, q, qd, &mut workspace.kinematics);
+        let tool = workspace.kinematics.tool_pose();
+        let task = leaves::Task { natural: Natural::zero(), energy: 0.0 };
+        let resolved = self.resolve(tree, task, &tool, (q, qd), parameters, workspace)?;
+        Ok(Some(resolved.acceleration))
+    }
+
+    /// Adds the leaves beside the task, and resolves.
+    fn resolve(
+        &self,
+        tree: &Tree<N>,
+        task: leaves::Task<N>,
+        tool_goal: &Pose,
+        (q, qd): (&SVector<f64, N>, &SVector<f64, N>),
+        parameters: &TaskParameters<'_>,
+        workspace: &mut Workspace<N>,
+    ) -> Result<Resolved<N>, ResolveError> {
+        let kinematics = &workspace.kinematics;
+        let tool = kinematics.tool_pose();
+        workspace.centres.forget();
+        workspace.motions.forget();
+        for (centre, part) in workspace.part_centres.iter_mut().zip(&self.parts) {
+            *centre = point_position(kinematics, part.joint, part.centre);
+        }
+        let links = Links {
+            policy: self,
+            kinematics,
+            part_centres: &workspace.part_centres,
+            centres: &workspace.centres,
+            motions: &workspace.motions,
+            tool: &tool,
+            tool_goal,
+        };
+        let tick = Tick {
+            task,
+            position: *q,
+            velocity: *qd,
+            body: &links,
+            obstacles: parameters.obstacles,
+            dt_s: parameters.dt_s,
+        };
+        tree.evaluate(&tick, &mut workspace.tree)
+    }
 }
 
 /// The leaves beside the task, from the configuration.
@@ -500,6 +562,7 @@ fn tree<const N: usize>(
     chain: &Chain<N>,
     points: &ControlPoints,
     config: &ControllerConfig,
+    posture: Option<&PostureLeaf>,
 ) -> Tree<N> {
     let robot = &config.robot;
     let [lower, upper] = working_range(chain, robot);
@@ -511,7 +574,7 @@ fn tree<const N: usize>(
             speed_max: chain.velocity_max() * robot.velocity_fraction,
             leaf,
         }),
-        posture: config.posture.as_ref().map(PostureLeaf::leaf),
+        posture: posture.map(PostureLeaf::leaf),
         self_collision: config.self_collision.as_ref().map(|own| SelfCollision {
             leaf: own.avoidance,
             margin_m: own.margin_m,

@@ -4,13 +4,18 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 use tprmp_messages::{
-    ControllerPorts, FRAME_CAPACITY, Instance, NAME_CAPACITY, ServiceError, name_bytes,
+    ControllerPorts, FRAME_CAPACITY, Instance, NAME_CAPACITY, Reason, ServiceError, name_bytes,
 };
-use tprmp_model::controller_config::{self, ConfigError, ControlPoint, ControllerConfig, Robot};
+use tprmp_model::controller_config::{
+    self, ConfigError, ControlPoint, ControllerConfig, Robot, Supervision,
+};
 use tprmp_model::skill_model::{self, ModelError, SkillModel};
 use tprmp_rmpflow::policy::SkillPolicy;
 use tprmp_robot::{Chain, ControlPointError, ControlPoints, UrdfError, count_joints};
 
+use crate::control::requests::Setting;
+use crate::control::server::{Replacement, Shared};
+use crate::control::supervisor::{can_latch, named};
 use crate::cycle::Cycle;
 use crate::inputs::scene::Scene;
 use crate::motion::limits::working_range;
@@ -144,6 +149,20 @@ pub fn load_with(
     allow_uncertified: bool,
 ) -> Result<Loaded, StartError> {
     let config = controller_config::read_with(config_path, edit)?;
+    let skills = load_skills(config_path, &config, model_paths, allow_uncertified)?;
+    Ok(Loaded { config, skills })
+}
+
+/// Reads and validates models for a configuration, the task's first.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_skills(
+    config_path: &Path,
+    config: &ControllerConfig,
+    model_paths: &[impl AsRef<Path>],
+    allow_uncertified: bool,
+) -> Result<Vec<LoadedSkill>, StartError> {
     let further = config.additional_skills.len();
     if model_paths.len() != 1 + further {
         let expected = format!(
@@ -152,7 +171,7 @@ pub fn load_with(
         let found = format!("it {} times", model_paths.len());
         return Err(StartError::key(config_path, "additional_skills", expected, found));
     }
-    let load = |path: &_| load_skill(config_path, &config, AsRef::as_ref(path), allow_uncertified);
+    let load = |path: &_| load_skill(config_path, config, AsRef::as_ref(path), allow_uncertified);
     let skills: Vec<_> = model_paths.iter().map(load).collect::<Result<_, _>>()?;
     let frames: usize = skills.iter().map(|skill| skill.policy.frame_count()).sum();
     if frames > FRAME_CAPACITY {
@@ -168,7 +187,7 @@ pub fn load_with(
         );
         return Err(StartError::key(config_path, "joint_damping.inertia", expected, "zero"));
     }
-    Ok(Loaded { config, skills })
+    Ok(skills)
 }
 
 /// Reads a model and checks that it fits the configuration.
@@ -301,21 +320,18 @@ pub fn with_robot<W: WithRobot>(
     }
 }
 
-/// Builds the loop. The services are opened last: a controller that cannot run shows up nowhere.
+/// Builds the policy of skills on a robot, with all that belongs to it.
 ///
 /// # Errors
-/// [`StartError`]; nothing has moved.
-pub fn cycle<const N: usize>(
+/// [`StartError`].
+pub fn replacement<const N: usize>(
     config_path: &Path,
-    loaded: Loaded,
-    pacing: Pacing,
-    until_done: bool,
-    instance: &Instance,
-) -> Result<Cycle<N>, StartError> {
-    let policies = loaded.policies();
-    let Loaded { config, skills } = loaded;
-    let (chain, points) = robot::<N>(config_path, &config)?;
-    let policy = RobotPolicy::new(chain, policies, &points, &config);
+    config: &ControllerConfig,
+    skills: &[LoadedSkill],
+) -> Result<Replacement<N>, StartError> {
+    let (chain, points) = robot::<N>(config_path, config)?;
+    let policies = skills.iter().map(|skill| skill.policy.clone()).collect();
+    let policy = RobotPolicy::new(chain, policies, &points, config);
     let frame_name = |name: &str| name_bytes(name).expect("checked by `load`");
     let names = skills.iter().flat_map(|skill| {
         let frames = skill.model.frames.iter().take(skill.policy.frame_count());
@@ -324,9 +340,45 @@ pub fn cycle<const N: usize>(
     let task = &skills[0].model;
     let goal_frame = usize::from(task.goal_frame != task.start_frame);
     let scene = Scene::new(names.collect(), goal_frame);
+    Ok(Replacement { workspace: policy.workspace(), policy, scene })
+}
+
+/// Builds the loop. The services are opened last: a controller that cannot run shows up nowhere.
+///
+/// # Errors
+/// [`StartError`]; nothing has moved.
+pub fn cycle<const N: usize>(
+    config_path: &Path,
+    loaded: &Loaded,
+    pacing: Pacing,
+    until_done: bool,
+    instance: &Instance,
+    shared: Shared,
+) -> Result<Cycle<N>, StartError> {
+    let Loaded { config, skills } = loaded;
+    check_names(config_path, config)?;
+    let replacement = replacement::<N>(config_path, config, skills)?;
     let mut ports: ControllerPorts = instance.open_controller()?;
     if config.external.is_some() {
         ports.listen()?;
     }
-    Ok(Cycle::new(policy, scene, &config, pacing, until_done, ports))
+    Ok(Cycle::new(replacement, config, pacing, until_done, ports, shared))
+}
+
+/// Checks the names that only this process knows.
+fn check_names(config_path: &Path, config: &ControllerConfig) -> Result<(), StartError> {
+    let Supervision { latching, settable, .. } = &config.supervision;
+    let unknown = latching.iter().find(|name| !named(name).is_some_and(can_latch));
+    if let Some(name) = unknown {
+        let names = Reason::ALL.iter().filter(|reason| can_latch(**reason));
+        let names: Vec<_> = names.map(|reason| format!("{reason:?}")).collect();
+        let expected = format!("names among {}", names.join(", "));
+        return Err(StartError::key(config_path, "supervision.latching", expected, name));
+    }
+    if let Some(key) = settable.keys().find(|key| Setting::of_key(key).is_none()) {
+        let keys = Setting::ALL.map(Setting::key).join(", ");
+        let expected = format!("keys among {keys}");
+        return Err(StartError::key(config_path, "supervision.settable", expected, key));
+    }
+    Ok(())
 }

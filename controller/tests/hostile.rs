@@ -257,6 +257,7 @@ fn messages() -> u64 {
 }
 
 fn edit(config: &mut controller_config::ControllerConfig) {
+    config.supervision.latching.clear();
     config.real_time.fifo_priority = None;
     config.real_time.lock_memory = false;
     config.real_time.cpu_latency_max_us = None;

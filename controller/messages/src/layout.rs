@@ -1,6 +1,7 @@
 //! Size and offset of every field, asserted at compile time against the implicit rules of
 //! `repr(C)` (no hidden padding) and given as a table, against which the Python mirror is tested.
 
+use crate::control::{ControlAnswer, ControlRequest};
 use crate::messages::{
     ControllerStatus, Frame, JointCommand, Obstacle, RobotState, TaskFrames, ToolCommand,
 };
@@ -38,7 +39,7 @@ macro_rules! layout {
                 end += size_of_field::<$message, _>(|m| &m.$field);
             )+
             assert!(size_of::<$message>() == end, "a field is missing, or hidden padding");
-            assert!(align_of::<$message>() == 8);
+            assert!(align_of::<$message>() <= 8);
         };)+
     };
 }
@@ -55,6 +56,8 @@ layout! {
         sequence, state_sequence, time_ns, expiry_ns, mode, gripper_command, joint_count, reason,
         position, velocity, acceleration, torque, gravity_torque
     }
+    ControlRequest { verb, padding, value, text }
+    ControlAnswer { accepted, life_cycle, reason, padding, text }
     ToolCommand { sequence, time_ns, linear_velocity, angular_velocity }
     ControllerStatus {
         sequence, time_ns, life_cycle, reason, ticks, deadline_misses, skipped_periods, states_lost,

@@ -12,7 +12,8 @@
 //! | `<instance>/controller_status/v1`| [`ControllerStatus`] | controller        | anyone     |
 //! | `<instance>/tool_command/v1`     | [`ToolCommand`]      | teleoperation, …  | controller |
 //!
-//! The last one exists only while it is commanded, or a controller listens.
+//! The last one exists only while it is commanded, or a controller listens. Beside them,
+//! `<instance>/control/v1` carries a [`ControlRequest`] to the controller and its [`ControlAnswer`] back.
 //!
 //! Conventions: SI units, quaternions `w, x, y, z`, poses and velocities expressed in the robot's
 //! base frame `B`, times on `CLOCK_MONOTONIC` in nanoseconds (a lockstep publisher may use its own
@@ -44,12 +45,14 @@
 //! ```
 
 mod checks;
+mod control;
 mod layout;
 mod messages;
 mod services;
 mod stop;
 
 pub use checks::{NameFault, QUATERNION_TOLERANCE, name_bytes, name_str};
+pub use control::{ControlAnswer, ControlRequest, ControlVerb, TEXT_CAPACITY, control_text};
 pub use layout::{FieldLayout, LAYOUT};
 pub use messages::{
     CommandMode, ControllerStatus, FRAME_CAPACITY, Frame, GripperCommand, GripperState,
@@ -57,8 +60,8 @@ pub use messages::{
     ObstacleKind, Reason, RobotMode, RobotState, TaskFrames, ToolCommand,
 };
 pub use services::{
-    ControllerPorts, Instance, OBSERVER_BUFFER, ObserverPorts, Publisher, SHARED_MEMORY_MIN_BYTES,
-    STATE_BUFFER, Sample, ServiceError, StatePublisherPorts, StatusPort, Subscriber,
-    ToolCommandPort, free_shared_memory_bytes,
+    ControlClient, ControlServer, ControllerPorts, Instance, OBSERVER_BUFFER, ObserverPorts,
+    Publisher, SHARED_MEMORY_MIN_BYTES, STATE_BUFFER, Sample, ServiceError, StatePublisherPorts,
+    StatusPort, Subscriber, ToolCommandPort, free_shared_memory_bytes,
 };
 pub use stop::stop_flag;

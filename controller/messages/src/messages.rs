@@ -221,6 +221,8 @@ macro_rules! wire_enum {
     };
 }
 
+pub(crate) use wire_enum;
+
 wire_enum! {
     /// What the gripper senses.
     GripperState {
@@ -378,6 +380,8 @@ wire_enum! {
         EndedUnexpectedly = 34,
         /// The arm is not at rest, or not where the last commands ended.
         ArmElsewhere = 35,
+        /// The gripper holds something that this controller did not grip.
+        GripperHolds = 36,
     }
 }
 

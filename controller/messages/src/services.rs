@@ -3,9 +3,12 @@
 use core::fmt::Debug;
 use std::fs;
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 use iceoryx2::node::NodeCreationFailure;
+use iceoryx2::port::client::Client;
 use iceoryx2::port::publisher::PublisherCreateError;
+use iceoryx2::port::server::Server;
 use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
@@ -13,8 +16,10 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError as OpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use iceoryx2::service::port_factory::request_response::PortFactory as RequestFactory;
 use thiserror::Error;
 
+use crate::control::{ControlAnswer, ControlRequest};
 use crate::messages::{ControllerStatus, JointCommand, RobotState, TaskFrames, ToolCommand};
 
 /// A sample received from shared memory, without a copy.
@@ -85,6 +90,12 @@ pub enum ServiceError {
     /// Anything else that iceoryx2 reports of a service.
     #[error("service `{0}` could not be opened: {1}")]
     Open(String, PublishSubscribeOpenOrCreateError),
+    /// What iceoryx2 reports of the requests' service.
+    #[error(
+        "service `{0}` could not be opened ({1}): where it exists with other types or bounds, both sides \
+         must be of the same version"
+    )]
+    Control(String, String),
     /// Anything else that it reports of a publisher.
     #[error("service `{0}` could not be opened: {1}")]
     Publisher(String, PublisherCreateError),
@@ -143,6 +154,12 @@ impl Instance {
         for folder in [nodes, root.join("services"), root] {
             let _ = fs::remove_dir(folder);
         }
+    }
+
+    /// Its folder; it exists while something of the instance is open.
+    #[must_use]
+    pub fn folder(&self) -> PathBuf {
+        PathBuf::from(self.config.global.root_path().to_string())
     }
 
     /// Its name.
@@ -290,6 +307,53 @@ impl Instance {
     }
 }
 
+impl Instance {
+    fn control(
+        &self,
+        node: &Node<ipc::Service>,
+    ) -> Result<RequestFactory<ipc::Service, ControlRequest, (), ControlAnswer, ()>, ServiceError>
+    {
+        let name = format!("{}/control/v1", self.name);
+        let service_name: ServiceName =
+            name.as_str().try_into().expect("an instance's name and a topic make a service's name");
+        node.service_builder(&service_name)
+            .request_response::<ControlRequest, ControlAnswer>()
+            .max_servers(1)
+            .max_clients(SUBSCRIBERS_MAX)
+            .max_nodes(16)
+            .open_or_create()
+            .map_err(|error| ServiceError::Control(name, format!("{error:?}")))
+    }
+
+    /// Opens the controller's side of requests.
+    ///
+    /// # Errors
+    /// See [`ServiceError`]; a second controller of the same instance is one.
+    pub fn open_control_server(&self) -> Result<ControlServer, ServiceError> {
+        let node = self.node()?;
+        let server = self.control(&node)?.server_builder().create();
+        let server = server.map_err(|error| {
+            ServiceError::Control(format!("{}/control/v1", self.name), format!("{error:?}"))
+        })?;
+        let leftovers = Leftovers(self.clone());
+        Ok(ControlServer { server, _node: NodeGuard { node, leftovers } })
+    }
+
+    /// Opens the asking side of requests.
+    ///
+    /// # Errors
+    /// See [`ServiceError`].
+    pub fn open_control_client(&self) -> Result<ControlClient, ServiceError> {
+        let node = self.node()?;
+        let client = self.control(&node)?.client_builder().create();
+        let client = client.map_err(|error| {
+            ServiceError::Control(format!("{}/control/v1", self.name), format!("{error:?}"))
+        })?;
+        let leftovers = Leftovers(self.clone());
+        Ok(ControlClient { client, _node: NodeGuard { node, leftovers } })
+    }
+}
+
 fn open_error<M>(service: &str, error: PublishSubscribeOpenOrCreateError) -> ServiceError {
     use PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError as Open;
     let name = service.to_string();
@@ -417,6 +481,46 @@ impl ControllerPorts {
             & self.state.update_connections()
             & self.frames.update_connections()
             & self.tool_command.as_ref().is_none_or(Subscriber::update_connections)
+    }
+}
+
+/// The controller's side of requests: a thread beside the loop asks it. Dropped, it leaves no files behind.
+#[derive(Debug)]
+pub struct ControlServer {
+    server: Server<ipc::Service, ControlRequest, (), ControlAnswer, ()>,
+    _node: NodeGuard,
+}
+
+impl ControlServer {
+    /// Answers every request that has arrived. A connection that fails is the asking side's to notice.
+    pub fn serve(&self, mut answer: impl FnMut(&ControlRequest) -> ControlAnswer) {
+        while let Ok(Some(request)) = self.server.receive() {
+            let _ = request.send_copy(answer(request.payload()));
+        }
+    }
+}
+
+/// The asking side. Dropped, it leaves no files behind.
+#[derive(Debug)]
+pub struct ControlClient {
+    client: Client<ipc::Service, ControlRequest, (), ControlAnswer, ()>,
+    _node: NodeGuard,
+}
+
+impl ControlClient {
+    /// Sends a request and waits at most `patience` for the answer; `None` when there is none, or nobody to
+    /// give one.
+    #[must_use]
+    pub fn ask(&self, request: &ControlRequest, patience: Duration) -> Option<ControlAnswer> {
+        let pending = self.client.send_copy(*request).ok()?;
+        let start = Instant::now();
+        while start.elapsed() < patience {
+            if let Ok(Some(answer)) = pending.receive() {
+                return Some(*answer);
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        None
     }
 }
 

@@ -117,6 +117,9 @@ pub fn describe(life_cycle: LifeCycle, reason: Reason) -> String {
         Reason::EndedUnexpectedly => {
             "the controller before this one ended without a stop, what it was doing is not known"
         }
+        Reason::GripperHolds => {
+            "the gripper holds something that this controller did not grip; take it out"
+        }
         Reason::ArmElsewhere => "the arm is not yet at rest where its last commands ended",
         Reason::GripperUnknown => "the gripper reports a state that this controller does not know",
         Reason::Blocked => "the arm stands still before an obstacle or before itself",

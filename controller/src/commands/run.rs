@@ -1,13 +1,17 @@
 //! `controller run`: runs a skill until it is stopped, or its task is done.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::Args;
 use thiserror::Error;
 use tprmp_messages::{Instance, LifeCycle, ServiceError, stop_flag};
+use tprmp_model::controller_config::ControllerConfig;
 
 use crate::commands::monitor::Monitor;
 use crate::commands::overrides::Overrides;
+use crate::control::journal::{Journal, JournalError};
+use crate::control::server::{Build, Server, Shared};
 use crate::startup::{self, Loaded, StartError, WithRobot};
 use crate::timing::pacing::Pacing;
 use crate::timing::realtime::{self, Denied, Granted};
@@ -18,6 +22,9 @@ pub enum RunError {
     /// The files, or the robot.
     #[error(transparent)]
     Start(#[from] StartError),
+    /// The journal.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
     /// Shared memory.
     #[error(transparent)]
     Service(#[from] ServiceError),
@@ -58,6 +65,9 @@ pub struct Run {
     /// Leave once the task has been done for a second.
     #[arg(long)]
     until_done: bool,
+    /// Go on although the controller before this one ended without a stop: somebody has looked.
+    #[arg(long)]
+    reset: bool,
     /// Run a model that failed its certificate.
     #[arg(long)]
     allow_uncertified: bool,
@@ -88,6 +98,18 @@ impl Run {
     }
 }
 
+impl Run {
+    /// What builds the policies of other models while the loop runs.
+    fn builder<const N: usize>(&self, config: ControllerConfig) -> Build<N> {
+        let (path, allow_uncertified) = (self.config.clone(), self.allow_uncertified);
+        Box::new(move |models| {
+            let skills = startup::load_skills(&path, &config, models, allow_uncertified);
+            let new = skills.and_then(|skills| startup::replacement::<N>(&path, &config, &skills));
+            new.map_err(|error| error.to_string())
+        })
+    }
+}
+
 impl WithRobot for Work<'_> {
     type Output = Result<(), RunError>;
 
@@ -97,29 +119,40 @@ impl WithRobot for Work<'_> {
             // Before anything moves: a summary that cannot be written would be lost.
             try_summary(path)?;
         }
-        let real_time = loaded.config.real_time.clone();
+        let config = loaded.config.clone();
+        let real_time = &config.real_time;
         print_failures(&loaded);
         let names: Vec<_> =
             loaded.skills.iter().map(|skill| format!("`{}`", skill.model.skill)).collect();
-        let mut cycle =
-            startup::cycle::<N>(&run.config, loaded, pacing, run.until_done, &instance)?;
-        let stop = stop_flag().map_err(RunError::Signals)?;
+        let shared = Shared::new(stop_flag().map_err(RunError::Signals)?);
+        let (path, done) = (&run.config, run.until_done);
+        let cycle = startup::cycle::<N>(path, &loaded, pacing, done, &instance, shared.clone())?;
+        let (journal, last) = Journal::begin(&instance.folder())?;
+        let (server, exchange) = Server::start(
+            &instance,
+            shared.clone(),
+            journal,
+            config.supervision.settable.clone(),
+            run.builder(config.clone()),
+        )?;
+        let last = last.filter(|_| !run.reset);
+        let mut cycle = cycle.after(last, &config.supervision).exchanging(exchange);
         eprintln!(
             "controller: skill {}, {N} joints, instance `{}`: waiting for state and frames",
             names.join(" with "),
             instance.name()
         );
         // Before the loop's priority is set, which a thread would inherit.
-        let monitor = Monitor::start(cycle.shared_status());
-        let granted = (pacing != Pacing::Lockstep).then(|| realtime::set_up(&real_time));
+        let monitor = Monitor::start(Arc::clone(&shared.status));
+        let granted = (pacing != Pacing::Lockstep).then(|| realtime::set_up(real_time));
         for denied in granted.iter().flat_map(|granted: &Granted| &granted.denied) {
             if real_time.required.contains(&denied.capability) {
                 return Err(RunError::Denied(denied.clone()));
             }
             eprintln!("controller: {denied}");
         }
-        let outcome = cycle.run(&stop);
-        drop((monitor, granted));
+        let outcome = cycle.run(&shared.stop);
+        drop((monitor, granted, server));
         let summary = cycle.telemetry().summary(&outcome);
         report(&summary, outcome.life_cycle);
         run.summary.as_deref().map_or(Ok(()), |path| write_summary(path, &summary))

@@ -105,7 +105,8 @@ impl<const N: usize> Inbox<N> {
         }
     }
 
-    fn update_scene(&mut self) {
+    /// Reads the newest frames again, for a scene that needs others.
+    pub fn update_scene(&mut self) {
         if let Some(frames) = &self.frames {
             self.scene_check = self.scene.update(frames, &self.frame_observer);
         }

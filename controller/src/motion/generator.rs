@@ -3,7 +3,7 @@
 
 use nalgebra::SVector;
 use tprmp_messages::{CommandMode, Reason};
-use tprmp_model::controller_config::{ControllerConfig, Stop};
+use tprmp_model::controller_config::{ControllerConfig, Impedance, Stop};
 use tprmp_robot::Chain;
 
 use crate::inputs::estimator::JointState;
@@ -53,6 +53,8 @@ pub struct MotionGenerator<const N: usize> {
     tie: Tie,
     /// Whether the policy was not followed in the last tick.
     holding: bool,
+    /// Whether something else than the policy has moved the arm from rest since then.
+    left_rest: bool,
     fade_s: f64,
     disturbance: Option<DisturbanceObserver<N>>,
 }
@@ -71,6 +73,7 @@ impl<const N: usize> MotionGenerator<N> {
             published: None,
             tie: Tie::Unseen,
             holding: true,
+            left_rest: false,
             fade_s: 0.0,
             disturbance: config.disturbance.map(DisturbanceObserver::new),
         }
@@ -167,6 +170,7 @@ impl<const N: usize> MotionGenerator<N> {
         dt: f64,
     ) -> Option<(Setpoint<N>, CommandMode)> {
         self.holding = true;
+        self.left_rest = false;
         // What lies beyond the robot's description is no place to hold.
         let inside = measured.filter(|state| self.limits.contain(&state.position));
         if self.published.is_none() && inside.is_none() {
@@ -205,6 +209,54 @@ impl<const N: usize> MotionGenerator<N> {
         let gravity_m_s2 = self.tracking.gravity_m_s2;
         let torques = Torques::resting(chain, &self.limits, gravity_m_s2, &at.position);
         Some((self.publish(motion, torques, SVector::zeros(), dt)?, CommandMode::Stop))
+    }
+
+    /// Whether the arm was brought to rest and is measured, so that it may be moved by something else than the
+    /// policy.
+    #[must_use]
+    pub fn may_leave_rest(&self) -> bool {
+        self.tie == Tie::Follows && (self.left_rest || self.reference_rests())
+    }
+
+    /// As [`MotionGenerator::follow`], while the policy is not followed.
+    pub fn retreat(
+        &mut self,
+        chain: &Chain<N>,
+        state: &JointState<N>,
+        wanted: &SVector<f64, N>,
+        dt: f64,
+    ) -> Option<Setpoint<N>> {
+        self.holding = !self.left_rest;
+        let setpoint = self.follow(chain, state, wanted, dt).ok();
+        (self.holding, self.left_rest) = (true, setpoint.is_some());
+        setpoint
+    }
+
+    /// Gives way: the reference goes where the arm is moved to, and torques hold gravity only. For an arm
+    /// that was brought to rest, in place of [`MotionGenerator::brake`].
+    pub fn give_way(
+        &mut self,
+        chain: &Chain<N>,
+        state: &JointState<N>,
+        dt: f64,
+    ) -> Option<Setpoint<N>> {
+        self.left_rest = true;
+        let mut motion = self.reference(state);
+        let yielded = self.tracking.yielding(&motion, state, dt);
+        motion.advance(&yielded, &self.limits, dt);
+        let gravity_m_s2 = self.tracking.gravity_m_s2;
+        let torques = Torques::resting(chain, &self.limits, gravity_m_s2, &state.position);
+        self.publish(motion, torques, yielded, dt)
+    }
+
+    /// From now on the policy is not followed: it begins anew from rest.
+    pub fn hold(&mut self) {
+        self.holding = true;
+    }
+
+    /// What feeds back, where it changes while the loop runs.
+    pub fn impedance(&mut self) -> &mut Impedance {
+        &mut self.tracking.impedance
     }
 
     /// The reference so far: at first where the arm is measured to be, at rest.

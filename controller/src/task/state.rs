@@ -1,10 +1,11 @@
 //! The state of a task: the skill, then, once the gripper holds, the lift.
 
 use glam::DVec3;
-use tprmp_messages::{GripperCommand, GripperState, LifeCycle};
+use tprmp_messages::{GripperCommand, GripperState, LifeCycle, Reason};
 use tprmp_model::controller_config::{Done, Lift};
 use tprmp_spatial::Pose;
 
+use crate::control::journal::Entry;
 use crate::policy::Task;
 
 /// Where the task stands.
@@ -16,8 +17,8 @@ pub struct TaskState {
     has_orientation: bool,
     stage: Stage,
     gripper: GripperCommand,
-    /// Held before the task began: what it holds stays where it is.
-    held_before: bool,
+    /// The gripper held something before the task began, that nobody is known to have gripped.
+    found_holding: bool,
     /// For how long the gripper has not held what is being lifted \[s\].
     lost_s: f64,
     life_cycle: LifeCycle,
@@ -66,20 +67,56 @@ impl TaskState {
             has_orientation,
             stage: Stage::Skill,
             gripper: GripperCommand::Release,
-            held_before: false,
+            found_holding: false,
             lost_s: 0.0,
             life_cycle: LifeCycle::Waiting,
             done_since_ns: None,
         }
     }
 
-    /// Begins with what the gripper senses before the first command: an object that is held is not let
-    /// go.
-    pub fn begin(&mut self, gripper: GripperState) {
-        self.held_before = self.lift.is_some() && gripper == GripperState::Holding;
-        if self.held_before {
-            self.gripper = GripperCommand::Grip;
+    /// Begins with what the gripper senses before the first command, and what the controller before this one
+    /// was doing where it did not end by itself. An object that is held is not let go: where it was gripped
+    /// by that controller, its lift goes on.
+    pub fn begin(&mut self, gripper: GripperState, last: Option<&Entry>) {
+        if self.lift.is_none() || gripper != GripperState::Holding {
+            return;
         }
+        self.gripper = GripperCommand::Grip;
+        match last.filter(|entry| entry.gripping) {
+            Some(entry) => {
+                // Gripped, but not yet noted where to: the first tick says.
+                self.stage = entry.goal().map_or(Stage::Skill, |goal| Stage::Lift { goal });
+            }
+            None => self.found_holding = true,
+        }
+    }
+
+    /// Whether what the gripper senses lets the task go on.
+    ///
+    /// # Errors
+    /// When it holds something that nobody is known to have gripped.
+    pub fn check_gripper(&mut self, gripper: GripperState) -> Result<(), Reason> {
+        if self.found_holding && gripper == GripperState::Holding {
+            return Err(Reason::GripperHolds);
+        }
+        if core::mem::take(&mut self.found_holding) {
+            self.gripper = GripperCommand::Release;
+        }
+        Ok(())
+    }
+
+    /// Where what the gripper holds is lifted to.
+    #[must_use]
+    pub fn lift_goal(&self) -> Option<&Pose> {
+        match &self.stage {
+            Stage::Skill => None,
+            Stage::Lift { goal } => Some(goal),
+        }
+    }
+
+    /// Whether the skill acts on the orientation too; it may be another one from now on.
+    pub fn set_has_orientation(&mut self, has_orientation: bool) {
+        self.has_orientation = has_orientation;
     }
 
     /// What the tool should do now.
@@ -124,14 +161,10 @@ impl TaskState {
         let asked = self.gripper == GripperCommand::Grip;
         self.stage = match (self.stage, self.lift) {
             (Stage::Skill, Some(lift)) if holding && asked => {
-                let height = if self.held_before { 0.0 } else { lift.height_m };
-                let position = tool.position + DVec3::Z * height;
+                let position = tool.position + DVec3::Z * lift.height_m;
                 Stage::Lift { goal: Pose { position, ..*tool } }
             }
-            (Stage::Lift { .. }, _) if self.lost_s > LOST_S => {
-                self.held_before = false;
-                Stage::Skill
-            }
+            (Stage::Lift { .. }, _) if self.lost_s > LOST_S => Stage::Skill,
             (stage, _) => stage,
         };
         let (goal, underway) = match &self.stage {
@@ -209,18 +242,39 @@ mod tests {
     }
 
     #[test]
-    fn a_gripper_that_was_not_asked_lifts_nothing_and_one_that_holds_at_the_start_keeps_it() {
+    fn a_gripper_that_was_not_asked_lifts_nothing_and_one_that_holds_at_the_start_is_reported() {
         let (tool, goal) = (at(0.3, 0.2), at(0.5, 0.0));
         let mut task = TaskState::new(Some(LIFT), DONE, true);
-        task.begin(GripperState::Open);
+        task.begin(GripperState::Open, None);
         let (cycle, _) = task.advance(GripperState::Holding, &tool, &goal, 0, 0.001);
         assert_eq!((cycle, task.gripper()), (LifeCycle::Running, GripperCommand::Release));
+        // Whose grip it is nobody knows: it is kept, and reported.
         let mut task = TaskState::new(Some(LIFT), DONE, true);
-        task.begin(GripperState::Holding);
+        task.begin(GripperState::Holding, None);
         assert_eq!(task.gripper(), GripperCommand::Grip);
+        assert_eq!(task.check_gripper(GripperState::Holding), Err(Reason::GripperHolds));
+        assert_eq!(task.gripper(), GripperCommand::Grip);
+        assert_eq!(task.check_gripper(GripperState::Open), Ok(()), "somebody took it out");
+        assert_eq!(task.gripper(), GripperCommand::Release);
+    }
+
+    #[test]
+    fn a_controller_that_is_started_again_in_mid_lift_goes_on_with_it() {
+        let (tool, goal) = (at(0.5, 0.04), at(0.5, 0.0));
+        let last = Entry { gripping: true, lift_goal: Some([0.5, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0]) };
+        let mut task = TaskState::new(Some(LIFT), DONE, true);
+        task.begin(GripperState::Holding, Some(&last));
+        assert_eq!(task.check_gripper(GripperState::Holding), Ok(()));
         let (cycle, remaining) = task.advance(GripperState::Holding, &tool, &goal, 0, 0.001);
-        assert_eq!((cycle, task.gripper()), (LifeCycle::Done, GripperCommand::Grip));
-        assert!(remaining.distance_m < 1e-12, "it stays where it is");
+        assert_eq!((cycle, task.gripper()), (LifeCycle::Lifting, GripperCommand::Grip));
+        assert!((remaining.distance_m - 0.06).abs() < 1e-12, "to where it was being lifted");
+        // It had gripped, and had not noted a goal yet: the whole lift, from here.
+        let last = Entry { gripping: true, lift_goal: None };
+        let mut task = TaskState::new(Some(LIFT), DONE, true);
+        task.begin(GripperState::Holding, Some(&last));
+        let (cycle, remaining) = task.advance(GripperState::Holding, &tool, &goal, 0, 0.001);
+        assert_eq!(cycle, LifeCycle::Lifting);
+        assert!((remaining.distance_m - 0.1).abs() < 1e-12);
     }
 
     #[test]

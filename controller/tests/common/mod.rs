@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use tprmp_controller::control::server::Shared;
 use tprmp_controller::startup::{self, StartError, WithRobot};
 use tprmp_controller::telemetry::RunOutcome;
 use tprmp_controller::timing::pacing::Pacing;
@@ -79,10 +80,11 @@ impl WithRobot for Run {
     fn call<const N: usize>(self) -> Result<Outcome, StartError> {
         let mut cycle = startup::cycle::<N>(
             &self.config_path,
-            self.loaded,
+            &self.loaded,
             self.pacing,
             false,
             &self.instance,
+            Shared::new(Arc::clone(&self.stop)),
         )?;
         let run = cycle.run(&self.stop);
         Ok(Outcome { run, ticks: cycle.telemetry().ticks })

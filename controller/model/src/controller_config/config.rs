@@ -11,6 +11,7 @@ use crate::controller_config::check::Check;
 use crate::controller_config::leaves::{
     Collision, External, Lift, PostureLeaf, SelfCollision, SkillLeaf,
 };
+use crate::controller_config::supervision::Supervision;
 
 /// What wakes the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -256,6 +257,8 @@ pub struct ControllerConfig {
     pub disturbance: Option<Disturbance>,
     /// Stops and starts.
     pub stop: Stop,
+    /// Who has to say that the arm may move.
+    pub supervision: Supervision,
     /// Real-time set-up.
     pub real_time: RealTime,
 }
@@ -310,6 +313,7 @@ impl ControllerConfig {
         check.fraction("stop.deceleration_fraction", self.stop.deceleration_fraction);
         check.positive("stop.duration_max_s", self.stop.duration_max_s);
         check.positive("stop.fade_in_s", self.stop.fade_in_s);
+        check.within("supervision", |check| self.supervision.check(joints, check));
         check.within("real_time", |check| self.real_time.check(check));
     }
 }

@@ -13,6 +13,7 @@ mod error;
 mod layers;
 mod leaves;
 mod read;
+mod supervision;
 
 pub use config::{
     Capability, ControlPoint, ControllerConfig, Disturbance, Done, FrameObserver, Impedance, Loop,
@@ -24,3 +25,4 @@ pub use leaves::{
     SkillLeaf,
 };
 pub use read::{read, read_with};
+pub use supervision::{Fallback, Fallbacks, Start, Supervision};

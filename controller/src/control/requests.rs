@@ -1,0 +1,104 @@
+//! What was asked of the loop from outside: set by other threads, taken by the loop at the beginning of a tick.
+//! No lock, no allocation.
+
+use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+/// A gain that can be changed while the loop runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Setting {
+    /// `skill.governor.linear_max_m_s`
+    LinearMax,
+    /// `skill.governor.angular_max_rad_s`
+    AngularMax,
+    /// `impedance.stiffness_1_s2`
+    Stiffness,
+    /// `impedance.damping_1_s`
+    Damping,
+}
+
+impl Setting {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::LinearMax, Self::AngularMax, Self::Stiffness, Self::Damping];
+
+    /// Its key in the configuration.
+    #[must_use]
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::LinearMax => "skill.governor.linear_max_m_s",
+            Self::AngularMax => "skill.governor.angular_max_rad_s",
+            Self::Stiffness => "impedance.stiffness_1_s2",
+            Self::Damping => "impedance.damping_1_s",
+        }
+    }
+
+    /// The one of this key.
+    #[must_use]
+    pub fn of_key(key: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|setting| setting.key() == key)
+    }
+}
+
+/// Requests that the loop has not taken yet.
+#[derive(Debug)]
+pub struct Requests {
+    start: AtomicBool,
+    hold: AtomicBool,
+    reset: AtomicBool,
+    /// Values as bits, NaN where none was set.
+    settings: [AtomicU64; Setting::ALL.len()],
+}
+
+impl Default for Requests {
+    fn default() -> Self {
+        Self {
+            start: AtomicBool::new(false),
+            hold: AtomicBool::new(false),
+            reset: AtomicBool::new(false),
+            settings: [const { AtomicU64::new(f64::NAN.to_bits()) }; Setting::ALL.len()],
+        }
+    }
+}
+
+impl Requests {
+    /// Go on.
+    pub fn start(&self) {
+        self.start.store(true, Ordering::Relaxed);
+    }
+
+    /// Hold.
+    pub fn hold(&self) {
+        self.hold.store(true, Ordering::Relaxed);
+    }
+
+    /// Forget the fault.
+    pub fn reset(&self) {
+        self.reset.store(true, Ordering::Relaxed);
+    }
+
+    /// Change a setting to `value`, in its unit.
+    pub fn set(&self, setting: Setting, value: f64) {
+        self.settings[setting as usize].store(value.to_bits(), Ordering::Relaxed);
+    }
+
+    /// Whether a start was asked for, once.
+    pub fn take_start(&self) -> bool {
+        self.start.swap(false, Ordering::Relaxed)
+    }
+
+    /// Whether a hold was asked for, once.
+    pub fn take_hold(&self) -> bool {
+        self.hold.swap(false, Ordering::Relaxed)
+    }
+
+    /// Whether a reset was asked for, once.
+    pub fn take_reset(&self) -> bool {
+        self.reset.swap(false, Ordering::Relaxed)
+    }
+
+    /// What a setting is to be changed to, `None` where that was never asked for.
+    #[must_use]
+    pub fn setting(&self, setting: Setting) -> Option<f64> {
+        let value = f64::from_bits(self.settings[setting as usize].load(Ordering::Relaxed));
+        value.is_finite().then_some(value)
+    }
+}
