@@ -1,7 +1,7 @@
 """The receiving side: which commands a robot obeys, and how it comes to rest when it does not.
 
-The same as `controller/messages/src/guard.rs`, whose README has the rules and numbers; both are tested
-to give the same verdicts, bit for bit. Times are on one clock, that of the published states.
+The same as `controller/messages/src/guard.rs`, whose README has the rules and numbers; both are
+tested to give the same verdicts, bit for bit. Times are on one clock, that of the states.
 """
 
 from __future__ import annotations
@@ -82,12 +82,12 @@ _TEXTS = {
     Cause.JOINT_COUNT: "is for {found:.0f} joints, this robot has {expected:.0f}: the controller's "
     "configuration is another robot's",
     Cause.MODE: "has the unknown mode {found:.0f}: both sides must be of one version",
-    Cause.AHEAD: "is stamped {found_s:.3f} s in the future: both sides must read CLOCK_MONOTONIC in "
-    "ns, or both run in lockstep",
+    Cause.AHEAD: "is stamped {found_s:.3f} s in the future: both sides must read CLOCK_MONOTONIC "
+    "in ns, or both run in lockstep",
     Cause.EXPIRED: "has expired {found_s:.3f} s ago, and no newer one has come: the controller has "
     "ended, is held up, or its clock is another one",
-    Cause.SEQUENCE: "comes after command {expected:.0f}, which still counts: two controllers, or one "
-    "that was started again and is obeyed in a moment",
+    Cause.SEQUENCE: "comes after command {expected:.0f}, which still counts: two controllers, or "
+    "one that was started again and is obeyed in a moment",
     Cause.STATE_AHEAD: "answers state {found:.0f}, the newest is {expected:.0f}: it is meant for "
     "another publisher, or for this one before it was started again",
     Cause.STATE_OLD: "answers a state {found:.0f} states before the newest, at most {expected:.0f} "
@@ -168,8 +168,8 @@ class CommandGuard:
     def judge(self, now_ns: int, new: JointCommand | None, state: RobotState) -> Action:
         """What the robot shall do from `now_ns` until the next tick.
 
-        `new` is the command that has come since the last tick, if one has: each once. `state` is the
-        newest published state: its sequence number, positions and velocities count.
+        `new` is the command that has come since the last tick, if one has: each once. `state` is
+        the newest published one: its sequence number, positions and velocities count.
         """
         if new is not None:
             fault = self._check(now_ns, new, state)
@@ -284,8 +284,7 @@ class CommandGuard:
     def _come_to_rest(self, now_ns: int, state: RobotState) -> Action:
         """All joints arrive at rest together, the hardest-braked one with its deceleration.
 
-        At v₀ for the time T = max |v₀ᵢ|/dᵢ, p(t) = p₀ + v₀ (t − t²/2T) and v(t) = v₀ (1 − t/T) until
-        t = T.
+        From p₀ and v₀ for T = max |v₀ᵢ|/dᵢ: p(t) = p₀ + v₀ (t − t²/2T), v(t) = v₀ (1 − t/T).
         """
         n, limits = self._joints, self._bounds.joints
         if limits is None:
@@ -316,3 +315,8 @@ def _fault(
     cause: Cause, command: JointCommand, found: float, expected: float = 0.0, joint: int = 0
 ) -> CommandFault:
     return CommandFault(cause, command.sequence, joint, float(found), float(expected))
+
+
+def counted(counts: dict[str, int]) -> str:
+    """Counts by name, in words."""
+    return ", ".join(f"{count} {name}" for name, count in counts.items()) or "none"

@@ -1,12 +1,19 @@
-//! The two doors for commands, in Rust and in Python, judge the same stream alike.
+//! The guard of commands beside a controller; and that the one in Rust and the one in Python judge the
+//! same stream alike.
+
+use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 use tprmp_messages::{
-    Action, Bounds, Cause, CommandGuard, CommandMode, GripperCommand, JointBounds, JointCommand,
-    RobotState,
+    Action, Bounds, Cause, CommandGuard, CommandMode, Frame, GripperCommand, Instance, JointBounds,
+    JointCommand, RobotState, Setpoint, StatePublisherPorts, TaskFrames,
 };
 
-use crate::common::{Place, program, root, run, text};
+use crate::common::{Place, file, finish, program, root, run, text};
+use crate::robot::signal;
+
+/// How long a command may take to come.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 const CASES: usize = 8;
 const TICKS: usize = 1000;
@@ -170,4 +177,64 @@ fn rust_and_python_give_the_same_verdicts_on_a_hostile_stream() {
         .env("PYTHONPATH", root().join("sim-bridge")));
     assert!(output.status.success(), "{}", text(&output));
     assert!(text(&output).contains(&format!("{all} ticks")), "{}", text(&output));
+}
+
+/// In lockstep: publishes a state of the plane and gives the command that answers it.
+fn exchange(ports: &StatePublisherPorts, state: &mut RobotState) -> JointCommand {
+    let mut frames = TaskFrames { frame_count: 2, ..Default::default() };
+    frames.frames[0] = Frame::at("start", [0.0, 0.0, 0.0]).unwrap();
+    frames.frames[1] = Frame::at("end", [2.0, 1.0, 0.0]).unwrap();
+    state.sequence += 1;
+    state.time_ns += 1_000_000;
+    (frames.sequence, frames.time_ns) = (state.sequence, state.time_ns);
+    assert!(ports.frames.publish(frames) && ports.state.publish(*state));
+    let start = Instant::now();
+    loop {
+        assert!(ports.state.update_connections() && ports.frames.update_connections());
+        match ports.command.receive() {
+            Some(command) if command.state_sequence == state.sequence => return *command,
+            _ => std::thread::sleep(Duration::from_micros(50)),
+        }
+        assert!(start.elapsed() < PATIENCE, "no answer from the controller");
+    }
+}
+
+/// A robot with a position interface refuses a command in full motion, brakes, and obeys again once what
+/// is commanded is where it is: the controller need not know.
+#[test]
+fn a_position_robot_that_refused_a_command_comes_to_its_goal_all_the_same() {
+    let place = Place::new("guard-position");
+    let model = place.train("planar");
+    let ports = Instance::new(&place.instance).unwrap().open_state_publisher().unwrap();
+    let controller =
+        place.controller(&file("config/controllers/planar.ron"), &model, &["--lockstep"]);
+    let joints = Some(JointBounds::same(5.0, 60.0, 30.0));
+    let mut guard = CommandGuard::new(2, Bounds { joints, ..Bounds::default() });
+    let mut state = RobotState { time_ns: 1_000_000_000, joint_count: 2, ..Default::default() };
+    let (mut refused_at, mut braked) = (None, 0);
+    for tick in 0..20_000 {
+        let mut command = exchange(&ports, &mut state);
+        let speed = state.velocity[0].hypot(state.velocity[1]);
+        if refused_at.is_none() && speed > 0.5 {
+            refused_at = Some(tick);
+            command.torque[0] = f64::NAN;
+        }
+        let action = guard.judge(state.time_ns, Some(&command), &state);
+        let Setpoint { position, velocity } = *action.setpoint();
+        braked += u64::from(refused_at.is_some() && matches!(action, Action::Brake(_)));
+        (state.position, state.velocity) = (position, velocity);
+        if (position[0] - 2.0).hypot(position[1] - 1.0) < 0.003 {
+            break;
+        }
+    }
+    let [x, y, ..] = state.position;
+    assert!((x - 2.0).hypot(y - 1.0) < 0.003, "it stands at {x}, {y}: {:?}", guard.last_fault());
+    assert!(refused_at.is_some() && braked > 0, "{braked} ticks braked");
+    let counts: Vec<_> = guard.counts().found().map(|(cause, _)| cause).collect();
+    assert_eq!(counts.first(), Some(&Cause::NotFinite), "{counts:?}");
+    signal(&controller, "-INT");
+    while exchange(&ports, &mut state).mode != CommandMode::Stop.to_wire() {}
+    let output = finish(controller);
+    assert!(output.status.success(), "{}", text(&output));
+    println!("braked for {braked} ticks; {counts:?}");
 }

@@ -478,8 +478,8 @@ impl CommandGuard {
         Setpoint { position, velocity }
     }
 
-    /// All joints arrive at rest together, the hardest-braked one with its deceleration: at v₀ for the
-    /// time T = max |v₀ᵢ|/dᵢ, p(t) = p₀ + v₀ (t − t²/2T) and v(t) = v₀ (1 − t/T) until t = T.
+    /// All joints arrive at rest together, the hardest-braked one with its deceleration: from p₀ and v₀
+    /// for the time T = max |v₀ᵢ|/dᵢ, p(t) = p₀ + v₀ (t − t²/2T) and v(t) = v₀ (1 − t/T).
     fn come_to_rest(&mut self, now_ns: u64, state: &RobotState) -> Setpoint {
         let measured = Setpoint { position: state.position, velocity: state.velocity };
         let Some(bounds) = &self.bounds.joints else {
