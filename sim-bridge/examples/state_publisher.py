@@ -7,6 +7,7 @@ connects to it. The same in Rust: `controller/messages/examples/state_publisher.
 import sys
 import time
 
+from sim_bridge.guard import Bounds, CommandGuard, JointBounds
 from sim_bridge.messages import JointCommand, RobotState, TaskFrames, write_name
 from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
 
@@ -15,14 +16,19 @@ state, frames = RobotState(joint_count=2), TaskFrames(frame_count=2)
 for frame, name, position in zip(frames.frames, ("start", "end"), ((0, 0, 0), (2, 1, 0))):
     write_name(frame, name)
     frame.valid, frame.position[:], frame.quaternion[:] = 1, position, (1, 0, 0, 0)
+# 20 m/s and 60 m/s² are what this robot can do; it brakes with 30 m/s².
+guard = CommandGuard(2, Bounds(joints=JointBounds([20.0] * 2, [60.0] * 2, [30.0] * 2)))
 command = JointCommand()
 with StatePublisherPorts(Instance(instance)) as ports, StopSignal() as stop:
     while not stop.requested:
+        new = command if ports.receive_command(command) else None
         now_ns = time.monotonic_ns()
-        ports.receive_command(command)
-        state.position[:] = command.position
-        state.velocity[:] = command.velocity if now_ns < command.expiry_ns else [0.0] * 8
+        # Where it obeys and where it brakes, this robot is where it shall be.
+        action = guard.judge(now_ns, new, state)
+        state.position[:2], state.velocity[:2] = action.position, action.velocity
         state.sequence = frames.sequence = state.sequence + 1
         state.time_ns = frames.time_ns = now_ns
         ports.publish(frames, state)
         time.sleep(0.001)
+if guard.last_fault is not None:
+    print(f"the last fault of a command: {guard.last_fault}", file=sys.stderr)

@@ -12,7 +12,7 @@ during the step that began then; N rows, J joints, everything in the base frame 
 | `velocity_cmd_rad_s`  | N, J  | commanded (integrated) joint velocities; NaN while braked |
 | `acceleration_cmd_rad_s2` | N, J | commanded joint accelerations; NaN while braked |
 | `torque_n_m`          | N, J  | applied torque, clamped, with gravity; NaN while braked |
-| `gravity_torque_n_m`  | N, J  | the command's gravity torque; NaN while braked |
+| `gravity_torque_n_m`  | N, J  | the command's gravity torque, clamped; NaN while braked |
 | `object_position_m`   | N, 3  | centre of the box |
 | `object_quaternion_wxyz` | N, 4 | orientation of the box |
 | `sphere_position_m`   | N, 3  | centre of the sphere |
@@ -27,7 +27,8 @@ during the step that began then; N rows, J joints, everything in the base frame 
 
 `bridge.json`: `schema` ("tprmp-bridge/1"), `scene` (file), `seed`, `instance`, `mode` ("real
 time" or "lockstep"), `physics_rate_hz`, `outcome` ("lifted", "timeout", "stopped",
-"controller lost"), `episode` (what the seed drew), `timing` and `result` (see `evaluate`).
+"controller lost"), `episode` (what the seed drew), `timing`, `command_faults` (how many commands
+had each fault, see `guard`) and `result` (see `evaluate`).
 """
 
 from __future__ import annotations
@@ -73,7 +74,8 @@ class LogWriter:
         }
         self.columns = {key: np.full((rows_max, *end), np.nan) for key, end in columns.items()}
         for key in ("gripper_state", "command_mode", "command_reason", "life_cycle"):
-            self.columns[key] = np.full(rows_max, -1, dtype=np.int16)
+            # Whatever is on the wire, 32 bits without a sign, as it is.
+            self.columns[key] = np.full(rows_max, -1, dtype=np.int64)
         self.columns["contact_sphere"] = np.zeros(rows_max, dtype=np.int16)
 
     def write(self, **values: object) -> None:

@@ -270,6 +270,11 @@ def layout() -> list[dict[str, object]]:
     ]
 
 
+def reason_name(reason: int) -> str:
+    """The name of a `Reason` in reports; of one that is unknown, its number."""
+    return Reason(reason).name.lower() if reason in frozenset(Reason) else f"reason {reason}"
+
+
 def write_name(frame: Frame, name: str) -> None:
     """Writes a frame's name, padded with zeros."""
     data = name.encode()

@@ -28,6 +28,7 @@ import numpy as np
 from sim_bridge.demonstrations import demonstrated_grasp
 from sim_bridge.errors import BridgeError
 from sim_bridge.evaluate import evaluate
+from sim_bridge.guard import CommandGuard, counted
 from sim_bridge.log import LogWriter, save
 from sim_bridge.messages import (
     CommandMode,
@@ -152,22 +153,6 @@ class Publication:
         sphere.linear_velocity[:] = motion.velocity_m_s
 
 
-def obeyed(command: JointCommand, joint_count: int, sequence: int, now_ns: int) -> bool:
-    """Whether a command may move the arm; if not, the arm brakes.
-
-    It must ask for motion, answer a state of this bridge, be of this arm, not be expired, and
-    hold finite torques.
-    """
-    return (
-        command.mode in (CommandMode.TRACK, CommandMode.HOLD)
-        and 0 < command.state_sequence <= sequence
-        and command.joint_count == joint_count
-        and now_ns < command.expiry_ns
-        and all(map(math.isfinite, command.torque[:joint_count]))
-        and all(map(math.isfinite, command.gravity_torque[:joint_count]))
-    )
-
-
 class Run:
     """One run: the loop's state, and one method a phase."""
 
@@ -176,6 +161,8 @@ class Run:
         self.dt_ns = round(1e9 / scene.physics.rate_hz)
         self.publication = self.publish_from(world)
         self.command = JointCommand()
+        self.guard = CommandGuard(len(world.joints))
+        self.obeys = False
         self.status = ControllerStatus()
         self.life_cycle = -1
         self.timing = Timing()
@@ -194,9 +181,15 @@ class Run:
 
     # The step.
 
-    def step(self, now_ns: int, lateness_s: float) -> None:
-        """Obeys the newest command, or brakes, for one step of the physics."""
-        world, publication, command = self.world, self.publication, self.command
+    def judge_command(self, now_ns: int, new: bool) -> bool:
+        """Whether the arm obeys for the next step; `new` when a command has come."""
+        command = self.command if new else None
+        self.obeys = self.guard.judge(now_ns, command, self.publication.state).obey
+        return self.obeys
+
+    def step(self, lateness_s: float) -> None:
+        """Obeys the command that holds, or brakes, for one step of the physics."""
+        world, publication, command = self.world, self.publication, self.guard.command
         n = len(world.joints)
         gravity = world.gravity_torque(publication.position)
         self.log.write(
@@ -210,8 +203,9 @@ class Run:
             life_cycle=self.life_cycle,
             lateness_s=lateness_s,
         )
-        vacuum = command.gripper_command == GripperCommand.GRIP
-        if obeyed(command, n, publication.state.sequence, now_ns):
+        # The vacuum stays as it was last asked for: braking must not drop the object.
+        vacuum = self.guard.gripper == GripperCommand.GRIP
+        if self.obeys:
             gravity_cmd = command.gravity_torque[:n]
             commanded = [t + g for t, g in zip(command.torque[:n], gravity_cmd)]
             applied = world.apply_torque(commanded)
@@ -223,12 +217,11 @@ class Run:
                 velocity_cmd_rad_s=command.velocity[:n],
                 acceleration_cmd_rad_s2=command.acceleration[:n],
                 torque_n_m=applied,
-                gravity_torque_n_m=gravity_cmd,
+                gravity_torque_n_m=np.clip(gravity_cmd, -world.effort_max, world.effort_max),
                 command_mode=command.mode,
                 command_reason=command.reason,
             )
         else:
-            # The vacuum stays as it was last asked for: braking must not drop the object.
             world.brake()
             # Braking after the controller has left on purpose is no fault.
             self.timing.braked_steps += not self.left_on_purpose()
@@ -297,7 +290,7 @@ class Run:
 
     def real_time(self, ports: StatePublisherPorts, stop: StopSignal) -> Outcome:
         """Steps against `CLOCK_MONOTONIC` until the run is over."""
-        publication, timing, n = self.publication, self.timing, len(self.world.joints)
+        publication, timing = self.publication, self.timing
         waited_until = time.monotonic() + self.options.wait_s
         deadline = time.monotonic_ns()
         started_ns = deadline
@@ -316,10 +309,10 @@ class Run:
                     timing.slips += 1
                     timing.slip_total_s += 1e-9 * late_ns
                     timing.slip_max_s = max(timing.slip_max_s, 1e-9 * late_ns)
-            ports.receive_command(self.command)
-            now_ns = time.monotonic_ns()
+            new = ports.receive_command(self.command)
+            obeys = self.judge_command(time.monotonic_ns(), new)
             if not self.world.moving:
-                if obeyed(self.command, n, publication.state.sequence, now_ns):
+                if obeys:
                     self.world.moving = True
                     started_ns = deadline
                 else:
@@ -327,7 +320,7 @@ class Run:
                     if time.monotonic() > waited_until:
                         raise self.no_controller(self.options.wait_s)
                     continue
-            self.step(now_ns, 1e-9 * late_ns)
+            self.step(1e-9 * late_ns)
         else:
             outcome = Outcome.STOPPED
         if self.world.moving:
@@ -372,7 +365,8 @@ class Run:
             first = False
             self.read_status(ports)
             self.recorded += bytes(self.command)
-            self.step(time_ns, 0.0)
+            self.judge_command(time_ns, True)
+            self.step(0.0)
         self.timing.wall_s = time.monotonic() - started
         return outcome
 
@@ -503,12 +497,15 @@ def _finish(this: Run, outcome: Outcome, grasp: Array) -> int:
         "outcome": outcome.value,
         "episode": asdict(world.episode),
         "timing": {**asdict(timing), **late},
+        "command_faults": {cause.value: count for cause, count in this.guard.counts.items()},
         "result": result,
     }
     save(options.out, log, bridge)
     if options.record_commands is not None:
         options.record_commands.write_bytes(this.recorded)
     print_summary(bridge)
+    if this.guard.last_fault is not None:
+        print(f"last fault of a command: {this.guard.last_fault}")
     print(f"log: {options.out}")
     succeeded = outcome == Outcome.LIFTED and result["success"]
     return 0 if succeeded or outcome == Outcome.STOPPED else 1
@@ -528,6 +525,7 @@ def print_summary(bridge: dict) -> None:
         f"braked steps {timing['braked_steps']}, steps with a clamped torque "
         f"{timing['clamped_steps']}"
     )
+    print(f"commands with a fault: {counted(bridge['command_faults'])}")
     print(f"success: {'yes' if result['success'] else 'no'}")
     for key, value in result.items():
         if key != "success":

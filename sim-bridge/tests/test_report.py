@@ -16,7 +16,7 @@ from sim_bridge.kinematics import forward, inverse_kinematics, load_chain
 from sim_bridge.log import LogWriter, load, save
 from sim_bridge.poses import inverse, pose, quaternion_from_rotation, rotation_z
 from sim_bridge.report import report
-from sim_bridge.report.figures import failures, load_run, result
+from sim_bridge.report.figures import failures, load_run, result, table
 from sim_bridge.report.report import Detail, moments
 
 APPROACH_ROWS, LIFT_ROWS, HOLD_ROWS = 120, 60, 260
@@ -37,6 +37,7 @@ KEYS = {
     "deadline_misses",
     "allocations",
     "real_time_factor",
+    "command_faults",
 }
 
 
@@ -162,6 +163,20 @@ def test_all_files_are_written(folder, capsys):
     assert "Position error at the grip" in captured.out
     assert "3 of 1000" in captured.out
     assert "rendering" in captured.err
+
+
+def test_commands_with_a_fault_are_counted_by_cause(folder):
+    assert "Commands with a fault" not in [row[0] for row in table_of(folder)]
+    bridge = json.loads((folder / "bridge.json").read_text())
+    bridge["command_faults"] = {"expired": 2, "not_finite": 1}
+    (folder / "bridge.json").write_text(json.dumps(bridge))
+    row = ("Commands with a fault", "3", "2 expired, 1 not_finite")
+    assert table_of(folder)[-1] == row
+
+
+def table_of(folder):
+    run = load_run(folder)
+    return table(run, result(run))
 
 
 def test_figures_are_those_of_the_log(recorded):

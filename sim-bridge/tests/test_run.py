@@ -1,5 +1,6 @@
 """The live loop against a controller of a few lines, and the judgement of its log."""
 
+import math
 import threading
 
 import numpy as np
@@ -10,8 +11,17 @@ from sim_bridge.cli import main
 from sim_bridge.demonstrations import demonstrated_grasp
 from sim_bridge.errors import BridgeError
 from sim_bridge.evaluate import distant_pairs, evaluate
+from sim_bridge.guard import Cause
 from sim_bridge.log import LogWriter
-from sim_bridge.messages import CommandMode, JointCommand, RobotState
+from sim_bridge.messages import (
+    CommandMode,
+    ControllerStatus,
+    GripperCommand,
+    JointCommand,
+    LifeCycle,
+    RobotState,
+    reason_name,
+)
 from sim_bridge.run import Options, Outcome, Run, check_start
 from sim_bridge.scene import draw_episode
 from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
@@ -23,14 +33,16 @@ ANSWERS = 50
 class Answering(threading.Thread):
     """A controller that holds the arm against gravity for `ANSWERS` states, then falls silent."""
 
-    def __init__(self, instance, chain_world, life_ns):
+    def __init__(self, instance, chain_world, life_ns, spoil):
         super().__init__(daemon=True)
         self.instance, self.world, self.life_ns = instance, chain_world, life_ns
+        self.spoil = spoil
         self.stop = threading.Event()
 
     def run(self):
         node = self.instance.node()
         commands = self.instance.publisher(node, "joint_command", JointCommand)
+        statuses = self.instance.publisher(node, "controller_status", ControllerStatus)
         states = self.instance.subscriber(node, "robot_state", RobotState)
         answered = 0
         while answered < ANSWERS and not self.stop.wait(5e-4):
@@ -49,9 +61,12 @@ class Answering(threading.Thread):
                 joint_count=6,
             )
             command.gravity_torque[:6] = self.world.gravity_torque(state.position[:6])
+            status = ControllerStatus(sequence=answered, life_cycle=LifeCycle.RUNNING)
+            self.spoil(command, status)
+            statuses.send_copy(status)
             commands.send_copy(command)
         self.stop.wait()
-        del commands, states, node
+        del commands, statuses, states, node
         self.instance.remove_leftovers()
 
 
@@ -66,13 +81,13 @@ class StopAfter(StopSignal):
         return self.world.steps >= self.steps
 
 
-def play(scene, name, tmp_path, lockstep, steps, life_ns=10**9):
+def play(scene, name, tmp_path, lockstep, steps, life_ns=10**9, spoil=lambda *_: None):
     """Runs `steps` steps; gives the outcome, the run and its log."""
     world, theirs = World(scene, draw_episode(scene, 0)), World(scene, draw_episode(scene, 0))
     options = Options(0, tmp_path, name, lockstep, 10.0, 0, None)
     this = Run(scene, options, world)
     instance = Instance(name)
-    controller = Answering(instance, theirs, life_ns)
+    controller = Answering(instance, theirs, life_ns, spoil)
     with StatePublisherPorts(instance) as ports:
         controller.start()
         loop = this.lockstep if lockstep else this.real_time
@@ -105,6 +120,50 @@ def test_real_time_brakes_when_commands_expire(scene, instance_name, tmp_path):
     assert np.all(np.isnan(log["torque_n_m"][~obeyed]))
     assert np.max(np.abs(log["velocity_rad_s"][-1])) < 5e-3
     assert this.timing.wall_s >= 0.9 * steps * 0.002, "faster than real time"
+
+
+def test_no_field_of_a_message_ends_the_run_or_its_log(scene, instance_name, tmp_path):
+    largest = 2**32 - 1
+
+    def spoil(command, status):
+        command.gripper_command = GripperCommand.GRIP
+        if command.sequence == 10:
+            command.reason = largest
+        if command.sequence == 20:
+            status.life_cycle = largest
+        if command.sequence == 30:
+            command.gripper_command = 77
+        if command.sequence == 40:
+            command.torque[:] = command.gravity_torque[:] = [1.7e308] * 8
+        if command.sequence == 45:
+            command.position[3] = math.nan
+        if command.sequence == 48:
+            command.expiry_ns = 2**64 - 1
+
+    _, this, log = play(scene, instance_name, tmp_path, True, ANSWERS, spoil=spoil)
+    log_files.save(tmp_path, log, {})
+    log, _ = log_files.load(tmp_path)
+    assert log["command_reason"][9] == largest
+    assert log["command_mode"][9] == CommandMode.TRACK
+    assert largest in log["life_cycle"]
+    assert this.guard.gripper == GripperCommand.GRIP, "an unknown command lets nothing go"
+    assert np.array_equal(log["torque_n_m"][39], this.world.effort_max)
+    assert np.array_equal(log["gravity_torque_n_m"][39], this.world.effort_max)
+    assert list(log["command_mode"]).index(-1) == 44
+    counts = {cause.value: count for cause, count in this.guard.counts.items()}
+    assert counts == {"reason": 1, "gripper": 1, "not_finite": 1}
+    assert reason_name(largest) == "reason 4294967295"
+
+
+def test_a_command_without_an_end_is_obeyed_for_a_tenth_of_a_second(scene, instance_name, tmp_path):
+    def spoil(command, _):
+        command.expiry_ns = 2**64 - 1
+
+    _, this, log = play(scene, instance_name, tmp_path, False, ANSWERS + 200, spoil=spoil)
+    assert log["command_mode"][0] == CommandMode.TRACK
+    assert np.all(log["command_mode"][-50:] == -1)
+    assert this.guard.counts[Cause.EXPIRED] >= 1
+    assert "no newer one has come" in str(this.guard.last_fault)
 
 
 def synthetic_log(world, scene, sealed_at, rise_m):

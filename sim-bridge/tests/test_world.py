@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from sim_bridge.kinematics import inverse_kinematics
-from sim_bridge.messages import CommandMode, GripperState, JointCommand
+from sim_bridge.messages import GripperState
 from sim_bridge.poses import pose, rotation_z
 from sim_bridge.record import R_OE
-from sim_bridge.run import obeyed
 from sim_bridge.scene import Episode, draw_episode
 from sim_bridge.world import World
 
@@ -128,32 +127,6 @@ def test_torque_works_again_after_a_brake(world):
     world.apply_torque(world.inverse_dynamics(q, qd, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     world.step(False)
     assert world.joint_state()[1][0] - qd[0] == pytest.approx(world.dt_s, rel=0.01)
-
-
-def command(**changes):
-    values = {
-        "state_sequence": 5,
-        "expiry_ns": 1000,
-        "mode": CommandMode.TRACK,
-        "joint_count": 6,
-        **changes,
-    }
-    return JointCommand(**values)
-
-
-def test_only_a_fresh_finite_command_for_this_arm_is_obeyed():
-    assert obeyed(command(), 6, 5, 999)
-    assert obeyed(command(mode=CommandMode.HOLD), 6, 5, 999)
-    assert not obeyed(command(), 6, 5, 1000), "expired"
-    assert not obeyed(command(mode=CommandMode.STOP), 6, 5, 999)
-    assert not obeyed(command(mode=17), 6, 5, 999)
-    assert not obeyed(command(joint_count=2), 6, 5, 999)
-    assert not obeyed(command(state_sequence=6), 6, 5, 999), "answers a state that was not sent"
-    assert not obeyed(JointCommand(), 6, 5, 0), "no command yet"
-    for field in ("torque", "gravity_torque"):
-        bad = command()
-        getattr(bad, field)[3] = math.nan
-        assert not obeyed(bad, 6, 5, 999)
 
 
 def test_published_velocity_is_the_difference_of_published_positions(world):

@@ -25,20 +25,23 @@
 //! A state publisher (`examples/state_publisher.rs` is one that moves):
 //!
 //! ```
-//! use tprmp_messages::{Frame, Instance, RobotState, TaskFrames};
+//! use tprmp_messages::{Action, Bounds, CommandGuard, Frame, Instance, RobotState, TaskFrames};
 //!
 //! let ports = Instance::new("readme-example")?.open_state_publisher()?;
 //! let mut state = RobotState { joint_count: 2, ..Default::default() };
 //! let mut frames = TaskFrames { frame_count: 1, ..Default::default() };
 //! frames.frames[0] = Frame::at("end", [2.0, 1.0, 0.0])?;
+//! let mut guard = CommandGuard::new(2, Bounds::default());
 //! for tick in 1..=3 {
 //!     state.sequence = tick;
 //!     frames.sequence = tick;
 //!     state.time_ns = 1_000_000 * tick; // a real publisher: CLOCK_MONOTONIC
 //!     frames.time_ns = state.time_ns;
 //!     assert!(ports.frames.publish(frames) && ports.state.publish(state));
-//!     if let Some(command) = ports.command.receive() {
-//!         println!("apply {:?} N m", command.torque); // until command.expiry_ns, then brake
+//!     let new = ports.command.receive();
+//!     match guard.judge(state.time_ns, new.as_deref(), &state) {
+//!         Action::Obey(_) => println!("apply {:?} N m", guard.command().torque),
+//!         Action::Brake(_) => println!("brake"),
 //!     }
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -46,6 +49,7 @@
 
 mod checks;
 mod control;
+pub mod guard;
 mod layout;
 mod messages;
 mod services;
@@ -53,6 +57,7 @@ mod stop;
 
 pub use checks::{NameFault, QUATERNION_TOLERANCE, name_bytes, name_str};
 pub use control::{ControlAnswer, ControlRequest, ControlVerb, TEXT_CAPACITY, control_text};
+pub use guard::{Action, Bounds, Cause, CommandFault, CommandGuard, Counts, JointBounds, Setpoint};
 pub use layout::{FieldLayout, LAYOUT};
 pub use messages::{
     CommandMode, ControllerStatus, FRAME_CAPACITY, Frame, GripperCommand, GripperState,

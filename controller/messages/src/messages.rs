@@ -102,7 +102,8 @@ pub struct Obstacle {
 ///
 /// A torque interface applies `torque + gravity_torque` (an arm that adds gravity itself only
 /// `torque`); a velocity or position interface uses `velocity` or `position`. After `expiry_ns`
-/// the command must no longer be obeyed: the robot brakes.
+/// the command must no longer be obeyed: the robot brakes. [`CommandGuard`](crate::CommandGuard) knows
+/// when.
 #[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
 #[type_name("JointCommandV1")]
 #[repr(C)]

@@ -1,6 +1,7 @@
 //! What a run leaves behind: `DIR/log.csv`, every fifth step, and `DIR/bridge.json`, what the
 //! simulator knows about the whole run.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -80,6 +81,9 @@ pub(crate) struct Bridge {
     pub(crate) velocity_max_m_s: [f64; 2],
     pub(crate) episode: Episode,
     pub(crate) timing: Timing,
+    /// How many commands had each fault, by its name; runs of old have none.
+    #[serde(default)]
+    pub(crate) command_faults: BTreeMap<String, u64>,
     pub(crate) extremes: Extremes,
 }
 
@@ -167,6 +171,15 @@ pub(crate) fn load(folder: &Path) -> Result<(Vec<Row>, Bridge), SimError> {
     }
     let path = folder.join(LOG_FILE);
     Ok((parse_rows(&read_text(&path, HINT)?, &path)?, bridge))
+}
+
+/// Counts by name, in words.
+pub(crate) fn counted(counts: &BTreeMap<String, u64>) -> String {
+    if counts.is_empty() {
+        return "none".into();
+    }
+    let each: Vec<_> = counts.iter().map(|(name, count)| format!("{count} {name}")).collect();
+    each.join(", ")
 }
 
 /// The rows of the task, without those in which the controller leaves.

@@ -1,5 +1,6 @@
 //! What came of a run: a table, `result.json` and `report.html`.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::DVec2;
@@ -8,7 +9,7 @@ use serde_json::{Value, json};
 use tprmp_drawing::{Page, Picture};
 
 use crate::error::{SimError, parse_json, write};
-use crate::log::{Bridge, Mode, Outcome, Row, before_stopping, load};
+use crate::log::{Bridge, Mode, Outcome, Row, before_stopping, counted, load};
 use crate::pictures::pictures;
 use crate::record::read_folder;
 use crate::scene::Scene;
@@ -42,6 +43,8 @@ pub(crate) struct RunResult {
     allocations: Value,
     slips: u64,
     slip_total_ms: f64,
+    /// How many commands had each fault.
+    command_faults: BTreeMap<String, u64>,
 }
 
 /// Reports on a folder; gives whether the run succeeded.
@@ -120,6 +123,7 @@ fn judge(rows: &[Row], bridge: &Bridge, scene: &Scene, controller: Option<&Value
         allocations: of("allocations"),
         slips: bridge.timing.slips,
         slip_total_ms: 1e3 * bridge.timing.slip_total_s,
+        command_faults: bridge.command_faults.clone(),
     }
 }
 
@@ -171,6 +175,7 @@ fn table(result: &RunResult) -> Vec<(String, String)> {
         ("deadlines missed", text(&result.deadline_misses)),
         ("heap allocations in the loop", text(&result.allocations)),
         ("simulator's slips", format!("{}, together {:.1} ms", result.slips, result.slip_total_ms)),
+        ("commands with a fault", counted(&result.command_faults)),
     ]);
     table.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
 }
@@ -233,6 +238,7 @@ mod tests {
                 effort_max_n: [400.0; 2],
                 velocity_max_m_s: [20.0; 2],
                 timing: Timing::default(),
+                command_faults: BTreeMap::new(),
                 extremes: Extremes {
                     clearance_min_m: 0.1,
                     effort_fraction_max: 0.25,

@@ -10,21 +10,22 @@
 //! Order of one step: the state at time t is published; at the step's deadline the newest command
 //! is obeyed for the step from t to t + dt.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use tprmp_messages::{
-    CommandMode, ControllerStatus, Frame, Instance, JOINT_CAPACITY, JointCommand, LifeCycle,
-    Obstacle, ObstacleKind, Reason, RobotState, StatePublisherPorts, TaskFrames, name_bytes,
-    stop_flag,
+    Action, Bounds, CommandGuard, CommandMode, ControllerStatus, Frame, Instance, JOINT_CAPACITY,
+    JointCommand, LifeCycle, Obstacle, ObstacleKind, Reason, RobotState, StatePublisherPorts,
+    TaskFrames, name_bytes, stop_flag,
 };
 
 use crate::clock::{monotonic_ns, sleep_until};
 use crate::episode::FrameAt;
 use crate::error::{SimError, write};
-use crate::log::{Bridge, Extremes, Mode, Outcome, Row, STEPS_A_ROW, Timing, save};
+use crate::log::{Bridge, Extremes, Mode, Outcome, Row, STEPS_A_ROW, Timing, counted, save};
 use crate::scene::Scene;
-use crate::world::{Drive, World, drive};
+use crate::world::{Drive, World, force};
 
 /// Time of the first state in lockstep \[ns\].
 const LOCKSTEP_EPOCH_NS: u64 = 1_000_000_000;
@@ -85,7 +86,10 @@ struct Run {
     mode: Mode,
     state: RobotState,
     frames: TaskFrames,
+    /// The newest command, whatever it is.
     command: JointCommand,
+    /// Which of them are obeyed.
+    guard: CommandGuard,
     status: Option<ControllerStatus>,
     /// What the controller was at before it began to stop.
     life_cycle: LifeCycle,
@@ -137,6 +141,7 @@ impl Run {
             state: RobotState { joint_count: 2, ..Default::default() },
             frames,
             command: JointCommand::default(),
+            guard: CommandGuard::new(2, Bounds::default()),
             status: None,
             life_cycle: LifeCycle::Waiting,
             done_s: 0.0,
@@ -172,10 +177,9 @@ impl Run {
                 deadline_ns += late_ns;
                 self.count_slip(late_ns);
             }
-            if let Some(command) = ports.command.receive() {
-                self.command = *command;
-            }
-            let drive = drive(&self.command, self.state.sequence, monotonic_ns());
+            let new = ports.command.receive().map(|command| *command);
+            self.command = new.unwrap_or(self.command);
+            let drive = self.drive(monotonic_ns(), new.as_ref());
             if !self.world.moving {
                 self.world.moving = drive != Drive::Brake;
                 if self.world.moving {
@@ -219,7 +223,9 @@ impl Run {
             if let Some(outcome) = self.judge(stop) {
                 break outcome;
             }
-            self.step(drive(&self.command, self.state.sequence, time_ns));
+            let answer = self.command;
+            let drive = self.drive(time_ns, Some(&answer));
+            self.step(drive);
         };
         self.timing.wall_s = first_ns.map_or(0.0, |first| seconds(monotonic_ns() - first));
         Ok(outcome)
@@ -319,6 +325,14 @@ impl Run {
             && self.command.reason == Reason::StopRequested.to_wire()
     }
 
+    /// What moves the point from `now_ns` \[ns\] on, given the command that has come, if one has.
+    fn drive(&mut self, now_ns: u64, new: Option<&JointCommand>) -> Drive {
+        match self.guard.judge(now_ns, new, &self.state) {
+            Action::Obey(_) => force(self.guard.command()),
+            Action::Brake(_) => Drive::Brake,
+        }
+    }
+
     /// Steps the physics and writes down what was before.
     fn step(&mut self, drive: Drive) {
         let (position, velocity) = (self.world.position(), self.world.velocity());
@@ -394,6 +408,7 @@ impl Run {
             velocity_max_m_s: (*world.velocity_max()).into(),
             episode: world.episode.clone(),
             timing: self.timing,
+            command_faults: command_faults(&self.guard),
             extremes: self.extremes,
         };
         save(&options.out, &self.rows, &bridge)
@@ -411,7 +426,16 @@ impl Run {
             timing.braked_steps,
             out.display()
         );
+        if let Some(fault) = self.guard.last_fault() {
+            let counts = counted(&command_faults(&self.guard));
+            eprintln!("planar-sim: commands with a fault: {counts}; the last one: {fault}");
+        }
     }
+}
+
+/// How many commands had each fault, by its name.
+fn command_faults(guard: &CommandGuard) -> BTreeMap<String, u64> {
+    guard.counts().found().map(|(cause, count)| (cause.name().to_owned(), count)).collect()
 }
 
 /// Sends the last frames and state to a controller that has appeared since: the frames first, so

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 use nalgebra::Vector2;
-use tprmp_messages::{CommandMode, JointCommand};
+use tprmp_messages::JointCommand;
 use tprmp_robot::{Chain, CollisionGeometry, forward_dynamics, inverse_dynamics};
 
 use crate::episode::Episode;
@@ -135,22 +135,10 @@ impl World {
     }
 }
 
-/// Whether a command may move the point, and how; everything else brakes.
-///
-/// It must ask for motion, answer a state of this simulator, be of this robot, not be expired and
-/// hold finite forces.
-pub(crate) fn drive(command: &JointCommand, state_sequence: u64, now_ns: u64) -> Drive {
-    let mode = CommandMode::from_wire(command.mode);
-    let force = Vector2::new(
-        command.torque[0] + command.gravity_torque[0],
-        command.torque[1] + command.gravity_torque[1],
-    );
-    let obeyed = matches!(mode, Some(CommandMode::Track | CommandMode::Hold))
-        && (1..=state_sequence).contains(&command.state_sequence)
-        && command.joint_count == 2
-        && now_ns < command.expiry_ns
-        && force.iter().all(|f| f.is_finite());
-    if obeyed { Drive::Force(force) } else { Drive::Brake }
+/// How a command that is obeyed moves the point.
+pub(crate) fn force(command: &JointCommand) -> Drive {
+    let [x, y] = [0, 1].map(|i| command.torque[i] + command.gravity_torque[i]);
+    Drive::Force(Vector2::new(x, y))
 }
 
 #[cfg(test)]
@@ -162,37 +150,23 @@ mod tests {
         World { moving: true, ..World::new(&scene(), 1, false).unwrap() }
     }
 
-    fn command() -> JointCommand {
-        let mut command = JointCommand {
-            state_sequence: 7,
-            expiry_ns: 1000,
-            mode: CommandMode::Track.to_wire(),
-            joint_count: 2,
-            ..Default::default()
-        };
+    #[test]
+    fn a_command_acts_with_its_gravity_torque() {
+        let mut command = JointCommand::default();
         command.torque[..2].copy_from_slice(&[3.0, -2.0]);
         command.gravity_torque[..2].copy_from_slice(&[1.0, 0.5]);
-        command
+        assert_eq!(force(&command), Drive::Force(Vector2::new(4.0, -1.5)));
     }
 
     #[test]
-    fn only_a_fresh_command_of_this_robot_is_obeyed() {
-        assert_eq!(drive(&command(), 7, 999), Drive::Force(Vector2::new(4.0, -1.5)));
-        type Edit = fn(&mut JointCommand);
-        let edits: [Edit; 6] = [
-            |c| c.expiry_ns = 999,
-            |c| c.mode = CommandMode::Stop.to_wire(),
-            |c| c.mode = 77,
-            |c| c.joint_count = 6,
-            |c| c.torque[1] = f64::NAN,
-            |c| c.state_sequence = 8,
-        ];
-        for (i, edit) in edits.into_iter().enumerate() {
-            let mut bad = command();
-            edit(&mut bad);
-            assert_eq!(drive(&bad, 7, 999), Drive::Brake, "case {i}");
-        }
-        assert_eq!(drive(&JointCommand::default(), 7, 0), Drive::Brake);
+    fn the_largest_numbers_leave_the_point_where_numbers_are() {
+        let mut world = world();
+        let mut command = JointCommand::default();
+        command.torque[..2].copy_from_slice(&[f64::MAX, f64::MIN]);
+        command.gravity_torque = command.torque;
+        assert!(world.step(force(&command)), "the effort limit cuts an overflow, too");
+        assert_eq!(world.force, Vector2::new(400.0, -400.0));
+        assert!(world.position().is_finite() && world.velocity().is_finite());
     }
 
     #[test]

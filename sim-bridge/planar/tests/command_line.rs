@@ -234,3 +234,43 @@ fn in_real_time_the_clock_waits_for_the_controller_and_a_signal_ends_the_run() {
     assert!(bridge.contains("\"outcome\": \"interrupted\""), "{bridge}");
     assert!(bridge.contains("\"simulated_s\": 0.0"), "{bridge}");
 }
+
+/// Their expiry says for ever; it counts for a tenth of a second after the last one.
+#[test]
+fn in_real_time_no_command_moves_the_point_for_ever() {
+    let folder = Folder::new("for-ever");
+    let name = instance("for-ever");
+    let mut run = start_run(&folder.0, &name, &[]);
+    let ports = Instance::new(&name).unwrap().open_controller().unwrap();
+    let begun = Instant::now();
+    let (mut sequence, mut moved) = (0, false);
+    loop {
+        assert!(begun.elapsed() < PATIENCE, "{sequence} commands, and it does not come to rest");
+        assert!(ports.command.update_connections());
+        let Some(state) = ports.state.receive() else { continue };
+        let moving = state.velocity[0].abs() > 1e-9;
+        if !moving && !moved {
+            sequence += 1;
+            let mut command = JointCommand {
+                sequence,
+                state_sequence: state.sequence,
+                time_ns: state.time_ns,
+                expiry_ns: u64::MAX,
+                mode: CommandMode::Track.to_wire(),
+                joint_count: 2,
+                ..Default::default()
+            };
+            command.torque[0] = 10.0;
+            assert!(ports.command.publish(command));
+        }
+        if moved && !moving {
+            break;
+        }
+        moved |= moving;
+    }
+    let process = rustix::process::Pid::from_child(&run);
+    rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
+    assert!(run.wait().unwrap().success());
+    let bridge = std::fs::read_to_string(folder.0.join("bridge.json")).unwrap();
+    assert!(bridge.contains("\"expired\""), "{bridge}");
+}

@@ -17,9 +17,9 @@ from sim_bridge.evaluate import grip
 from sim_bridge.experiments.scenarios import Scenario, draw
 from sim_bridge.kinematics import load_chain
 from sim_bridge.log import Log
-from sim_bridge.messages import Reason
+from sim_bridge.messages import Reason, reason_name
 from sim_bridge.poses import Array, quaternion_from_rotation, rotation_z
-from sim_bridge.run import Options, Outcome, Publication, Run, obeyed
+from sim_bridge.run import Options, Outcome, Publication, Run
 from sim_bridge.scene import Scene, load_scene
 from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
 from sim_bridge.settings import read_json
@@ -94,7 +94,7 @@ class WatchedRun(Run):
         self.limit_fractions = {"position": 0.0, "velocity": 0.0, "torque": 0.0}
         self.speed_max_rad_s = 0.0
         self.reasons: dict[str, float] = {}
-        self.reason = Reason.NONE
+        self.reason = int(Reason.NONE)
         self.trace: list[tuple[float, ...]] = []
 
     def publish_from(self, world: World) -> Publication:
@@ -102,7 +102,7 @@ class WatchedRun(Run):
         task = self.scene.task
         return FalsePublication(world, task.start_frame, task.goal_frame)
 
-    def step(self, now_ns: int, lateness_s: float) -> None:
+    def step(self, lateness_s: float) -> None:
         """One step, pushed and watched."""
         world = self.world
         time_s = world.time_s
@@ -113,13 +113,13 @@ class WatchedRun(Run):
                 world.client.applyExternalForce(
                     world.arm, link, push.force_n, at, world.client.WORLD_FRAME
                 )
-        n = len(world.joints)
-        if obeyed(self.command, n, self.publication.state.sequence, now_ns):
-            asked = np.add(self.command.torque[:n], self.command.gravity_torque[:n])
+        n, command = len(world.joints), self.guard.command
+        if self.obeys:
+            asked = np.add(command.torque[:n], command.gravity_torque[:n])
             self._use("torque", np.abs(asked) / world.effort_max)
-        self.reason = Reason(self.command.reason)
-        self.reasons.setdefault(self.reason.name.lower(), time_s)
-        super().step(now_ns, lateness_s)
+        self.reason = self.command.reason
+        self.reasons.setdefault(reason_name(self.reason), time_s)
+        super().step(lateness_s)
         self.watch(time_s)
 
     def _use(self, limit: str, fractions: Array) -> None:
@@ -258,7 +258,7 @@ def _row(
         "clearance_min_m": {key: _seen(value) for key, value in run.clearance.items()},
         "limit_fractions": run.limit_fractions,
         "joint_speed_max_rad_s": run.speed_max_rad_s,
-        "reason": run.reason.name.lower(),
+        "reason": reason_name(run.reason),
         "reasons": {key: round(time_s, 3) for key, time_s in run.reasons.items()},
         "trace": run.trace,
     }

@@ -11,6 +11,7 @@ import numpy as np
 from sim_bridge.demonstrations import Demonstration, demonstrated_grasp, read_demonstration
 from sim_bridge.errors import BridgeError
 from sim_bridge.evaluate import clearances, evaluate, grasp_error
+from sim_bridge.guard import counted
 from sim_bridge.kinematics import Chain
 from sim_bridge.log import BRIDGE_FILE, LOG_FILE, Log, LogWriter, load
 from sim_bridge.messages import GripperState
@@ -111,6 +112,11 @@ def _load_log(folder: Path) -> tuple[Log, dict]:
     if not isinstance(factor, (int, float)):
         raise BridgeError(
             f"{folder / BRIDGE_FILE}: `timing.real_time_factor`: expected a number, found {factor}"
+        )
+    faults = bridge.setdefault("command_faults", {})
+    if not isinstance(faults, dict) or not all(isinstance(n, int) for n in faults.values()):
+        raise BridgeError(
+            f"{folder / BRIDGE_FILE}: `command_faults`: expected counts by name, found {faults}"
         )
     return log, bridge
 
@@ -258,6 +264,7 @@ def result(run: Run) -> dict[str, object]:
         "deadline_misses": controller.get("deadline_misses"),
         "allocations": controller.get("allocations"),
         "real_time_factor": run.bridge["timing"].get("real_time_factor"),
+        "command_faults": run.bridge["command_faults"],
     }
     if sentences:
         values["failures"] = sentences
@@ -274,7 +281,7 @@ def _rounded(value: object) -> object:
 
 def table(run: Run, values: dict) -> list[tuple[str, str, str]]:
     """Rows of the table: what, value with unit, remark."""
-    judged, timing = run.judged, run.bridge["timing"]
+    judged, timing, faults = run.judged, run.bridge["timing"], values["command_faults"]
     gripped = judged["gripped_at_s"]
     lifted = f"lifted by {1e3 * judged['lifted_m']:.0f} mm, held up for {judged['held_s']:.2f} s"
     misses = (
@@ -312,6 +319,8 @@ def table(run: Run, values: dict) -> list[tuple[str, str, str]]:
         ("Heap allocations in the loop", _number(values["allocations"], "{:d}"), "must be 0"),
         ("Real-time factor", _number(values["real_time_factor"], "{:.4f}"), remark),
     ]
+    if faults:
+        rows.append(("Commands with a fault", f"{sum(faults.values())}", counted(faults)))
     return rows
 
 
