@@ -68,7 +68,7 @@ demo: seed venv build
 	@echo '== running it: simulator and controller, seed $(SEED)'
 	@$(call together, \
 	    $(BIN)/controller run config/controllers/ur5_pick.ron --model target/demo/pick.model.ron \
-	        --instance demo --summary target/demo/controller.json --until-done, \
+	        --instance demo --reset --summary target/demo/controller.json --until-done, \
 	    $(BRIDGE) run --scene config/scenes/pick.json --seed $(SEED) --out target/demo --instance demo --wait-s 10)
 	@echo '== report'
 	@$(BRIDGE) report target/demo
@@ -80,7 +80,7 @@ demo-planar: seed build
 	@echo '== running it: simulator and controller, seed $(SEED)'
 	@$(call together, \
 	    $(BIN)/controller run config/controllers/planar.ron --model target/demo-planar/planar.model.ron \
-	        --instance demo-planar --summary target/demo-planar/controller.json --until-done, \
+	        --instance demo-planar --reset --summary target/demo-planar/controller.json --until-done, \
 	    $(BIN)/planar-sim run --seed $(SEED) --out target/demo-planar --instance demo-planar)
 	@echo '== report'
 	@$(BIN)/planar-sim report target/demo-planar

@@ -5,6 +5,7 @@ mod bad_input;
 mod command;
 mod common;
 mod examples;
+mod fault_matrix;
 mod faults;
 mod guard;
 mod lockstep;

@@ -10,7 +10,7 @@ use tprmp_messages::{
     StatePublisherPorts, TaskFrames,
 };
 
-use crate::common::{Place, file, finish, text};
+use crate::common::{Place, finish, text};
 
 /// How long a test waits for what has to come.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -103,6 +103,17 @@ impl Robot {
         self.exchange(|_| {}, |_| {})
     }
 
+    /// In lockstep: steps without a fault until the policy is followed.
+    pub(crate) fn resume(&mut self) -> JointCommand {
+        for _ in 0..1000 {
+            let command = self.good();
+            if command.mode == CommandMode::Track.to_wire() {
+                return command;
+            }
+        }
+        panic!("it does not go on: {:?}", self.command);
+    }
+
     /// In lockstep: runs until the point moves.
     pub(crate) fn run_up(&mut self) {
         let under_way = (0..5000).any(|_| {
@@ -181,11 +192,11 @@ fn assert_finite(command: &JointCommand) {
     assert!(lists.iter().flatten().all(|v| v.is_finite()), "{command:?}");
 }
 
-/// Starts a controller of the plane beside a robot of this test.
+/// Starts a controller of the plane beside a robot of this test. No reason latches.
 pub(crate) fn start(place: &Place, options: &[&str]) -> (Robot, Child) {
     let model = place.train("planar");
     let robot = Robot::new(place);
-    (robot, place.controller(&file("config/controllers/planar.ron"), &model, options))
+    (robot, place.controller(&place.passing("config/controllers/planar.ron"), &model, options))
 }
 
 pub(crate) fn signal(child: &Child, name: &str) {

@@ -15,7 +15,10 @@ use rand_chacha::ChaCha8Rng;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 use thiserror::Error;
-use tprmp_messages::{ControllerStatus, Instance, Reason, ServiceError, StatusPort, stop_flag};
+use tprmp_messages::{
+    ControlRequest, ControlVerb, ControllerStatus, Instance, LifeCycle, Reason, ServiceError,
+    StatusPort, stop_flag,
+};
 
 /// Pause between two looks.
 const LOOK: Duration = Duration::from_millis(20);
@@ -98,6 +101,8 @@ struct Observed {
     memory_kib: Vec<i64>,
     starts: u64,
     killed: u64,
+    /// Whether somebody has to look at the controller.
+    fault: bool,
 }
 
 /// When the tick of a status was due \[ns\].
@@ -113,6 +118,7 @@ impl Observed {
         let mut followed = false;
         while let Some(status) = port.status.receive() {
             followed = status.ticks > 0 && status.reason == Reason::None.to_wire();
+            self.fault = status.life_cycle == LifeCycle::Fault.to_wire();
             // A tick that skipped periods was due before them.
             if status.ticks > 0 && status.wake_up_ns < status.period_ns {
                 self.first.get_or_insert(*status);
@@ -202,7 +208,7 @@ impl Soak {
         let child = Command::new(&program)
             .arg("run")
             .args([&self.config, "--model", &self.model])
-            .args(["--instance", &self.instance, "--trigger", "periodic", "--summary"])
+            .args(["--instance", &self.instance, "--reset", "--trigger", "periodic", "--summary"])
             .arg(summary)
             .stdin(Stdio::null())
             .stderr(log)
@@ -237,6 +243,7 @@ impl Soak {
         stop: &AtomicBool,
         ended: &dyn Fn() -> SoakError,
     ) -> Result<(), SoakError> {
+        let control = Instance::new(&self.instance)?.open_control_client()?;
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         let begin = Instant::now();
         let over =
@@ -254,6 +261,11 @@ impl Soak {
                 if observed.receive(port) && end.is_none() {
                     let life_s = random.random_range(LIFE_S);
                     end = Some(Instant::now() + Duration::from_secs_f64(life_s));
+                }
+                // A publisher that begins elsewhere moves the arm in no time: that is looked at.
+                if observed.fault {
+                    let reset = ControlRequest::new(ControlVerb::Reset, "", 0.0);
+                    let _ = control.ask(&reset, MEMORY);
                 }
                 if memory.elapsed() >= MEMORY {
                     memory = Instant::now();
