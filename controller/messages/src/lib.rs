@@ -44,12 +44,17 @@
 //! ```
 
 mod checks;
+mod error;
+mod files;
 mod layout;
 mod messages;
 mod services;
+mod shared_memory;
 mod stop;
 
 pub use checks::{NameFault, QUATERNION_TOLERANCE, name_bytes, name_str};
+pub use error::ServiceError;
+pub use files::Cleaned;
 pub use layout::{FieldLayout, LAYOUT};
 pub use messages::{
     CommandMode, ControllerStatus, FRAME_CAPACITY, Frame, GripperCommand, GripperState,
@@ -57,8 +62,8 @@ pub use messages::{
     ObstacleKind, Reason, RobotState, TaskFrames, ToolCommand,
 };
 pub use services::{
-    ControllerPorts, Instance, OBSERVER_BUFFER, ObserverPorts, Publisher, SHARED_MEMORY_MIN_BYTES,
-    Sample, ServiceError, StatePublisherPorts, StatusPort, Subscriber, ToolCommandPort,
-    free_shared_memory_bytes,
+    ControllerPorts, Instance, OBSERVER_BUFFER, ObserverPorts, Publisher, Sample,
+    StatePublisherPorts, StatusPort, Subscriber, ToolCommandPort,
 };
+pub use shared_memory::{SHARED_MEMORY_MIN_BYTES, SharedMemoryFault, free_shared_memory_bytes};
 pub use stop::stop_flag;
