@@ -20,6 +20,9 @@ const LOCK_TRIES_MAX: u32 = 2000;
 /// How long another process may take to remove what a dead one left.
 const CLEAN_TIMEOUT: Duration = Duration::from_secs(2);
 
+/// Permissions of a file until iceoryx2 has initialised it.
+const UNFINISHED_MODE: u32 = 0o200;
+
 /// The folder of a user's instances: `/tmp/tprmp-<user id>`.
 pub(crate) fn user_folder(user: u32) -> PathBuf {
     format!("/tmp/tprmp-{user}").into()
@@ -75,6 +78,10 @@ impl Files {
         self.check_contents(&self.folder)?;
         for path in self.shared() {
             self.check(&path)?;
+            // Who is killed while it creates one leaves it so, and iceoryx2 would wait for it for ever.
+            if is_unfinished(&path) {
+                removed(&path, fs::remove_file(&path))?;
+            }
         }
         Ok(lock)
     }
@@ -233,6 +240,14 @@ fn contents(folder: &Path) -> Vec<PathBuf> {
         }
     }
     found
+}
+
+/// Whether this is a file of a node or service that is not initialised. Programs of this repository create
+/// those under the lock only; a connection may just be created.
+fn is_unfinished(path: &Path) -> bool {
+    let extensions = ["global_mgmt", "dynamic"];
+    path.extension().is_some_and(|extension| extensions.iter().any(|e| extension == *e))
+        && path.symlink_metadata().is_ok_and(|about| about.mode() & 0o777 == UNFINISHED_MODE)
 }
 
 /// What a file takes \[bytes\]; nothing when it has gone.

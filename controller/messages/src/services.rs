@@ -85,11 +85,11 @@ impl Instance {
         &self,
         ports: impl FnOnce(&Node<ipc::Service>) -> Result<P, ServiceError>,
     ) -> Result<(P, NodeGuard), ServiceError> {
-        free_shared_memory_bytes()?;
-        // Where nothing was opened, what is left over is removed last: that takes the lock again.
-        let leftovers = Leftovers(self.files.clone());
         let lock = self.files.claim()?;
+        // Where nothing is opened, what is left over is removed without the lock, which that takes itself.
+        let leftovers = Leftovers(self.files.clone());
         let opened = reserved(|| {
+            free_shared_memory_bytes()?;
             let node = self.node()?;
             let ports = ports(&node)?;
             Ok((ports, node))
