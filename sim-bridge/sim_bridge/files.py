@@ -144,7 +144,7 @@ class Files:
             ) from error
 
     def _check(self, path: Path) -> int:
-        """Permissions of a file that is this user's and nobody else can write; 0 when it is gone."""
+        """Permissions of a file that is this user's and nobody else can write; 0 of none."""
         try:
             about = path.lstat()
         except FileNotFoundError:

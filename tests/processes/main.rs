@@ -11,4 +11,5 @@ mod realtime;
 mod record;
 mod restarts;
 mod robot;
+mod shared_memory;
 mod stop;
