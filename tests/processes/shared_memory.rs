@@ -256,6 +256,24 @@ fn a_process_whose_folder_was_removed_keeps_its_memory() {
     assert_eq!(files(), 0);
 }
 
+/// Processes of another version may name their files otherwise.
+#[test]
+fn a_folder_in_which_somebody_locks_a_file_stays() {
+    if !in_private_memory("a_folder_in_which_somebody_locks_a_file_stays", "16m") {
+        return;
+    }
+    let user = rustix::process::getuid().as_raw();
+    let nodes = format!("/tmp/tprmp-{user}/other/nodes");
+    std::fs::create_dir_all(&nodes).unwrap();
+    let file = std::fs::File::create(format!("{nodes}/otherwise.node_monitor")).unwrap();
+    file.lock().unwrap();
+    assert!(text(&clean(&[])).contains("instance `other`: 1 in use, left alone"));
+    assert!(std::fs::exists(&nodes).unwrap());
+    drop(file);
+    assert!(text(&clean(&[])).contains("instance `other`: 0 files in shared memory"));
+    assert!(!std::fs::exists(&nodes).unwrap());
+}
+
 /// What `controller check` says of shared memory, in one line.
 fn checked() -> String {
     let output = run(program("controller").args(["check", &file(PLANAR)]));

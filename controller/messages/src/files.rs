@@ -181,9 +181,11 @@ impl Files {
         let sizes: Vec<_> = shared.iter().map(|path| reserved_bytes(path)).collect();
         // iceoryx2 tells the dead from the living by a lock on a node's file, which ends with its process.
         Node::<ipc::Service>::blocking_cleanup_dead_nodes(config, CLEAN_TIMEOUT);
-        let living = living_nodes(config);
-        // A node's files in /tmp may have been removed from under a living process. Its memory is mapped.
-        if living == 0 && !is_mapped(&self.prefix) {
+        // A node's files in /tmp may have been removed from under a living process: its memory is mapped. Nodes of
+        // another prefix, of another version of these programs, are not listed: they lock their files all the same.
+        let used = is_mapped(&self.prefix) || is_locked(&contents(&self.folder));
+        let living = living_nodes(config).max(usize::from(used));
+        if living == 0 {
             for path in self.shared() {
                 self.check(&path)?;
                 removed(&path, fs::remove_file(&path))?;
@@ -284,4 +286,15 @@ fn is_mapped(prefix: &str) -> bool {
         let mut lines = io::BufReader::new(maps).lines().map_while(Result::ok);
         lines.any(|line| line.contains(&mapped) && !line.ends_with("(deleted)"))
     })
+}
+
+/// Whether a process locks one of these files, see `/proc/locks`.
+fn is_locked(paths: &[PathBuf]) -> bool {
+    let inode = |path: &PathBuf| path.symlink_metadata().map(|about| about.ino()).ok();
+    let inodes: Vec<_> = paths.iter().filter_map(inode).collect();
+    let locks = fs::read_to_string("/proc/locks").unwrap_or_default();
+    let locked = |line: &str| {
+        line.split_whitespace().find_map(|word| word.splitn(3, ':').nth(2)?.parse().ok())
+    };
+    locks.lines().filter_map(locked).any(|inode: u64| inodes.contains(&inode))
 }
