@@ -9,7 +9,7 @@ use clap::{Parser, Subcommand};
 use tprmp_controller::commands::ctl::Ctl;
 use tprmp_controller::commands::run::Run;
 use tprmp_controller::commands::soak::Soak;
-use tprmp_controller::commands::{check, top};
+use tprmp_controller::commands::{check, clean, top};
 use tprmp_controller::timing::allocation::CountingAllocator;
 use tprmp_messages::LAYOUT;
 
@@ -53,6 +53,12 @@ enum Command {
     },
     /// Ask a running controller: how it is, to start, hold, stop, reset a fault, swap its model or set a gain.
     Ctl(Ctl),
+    /// Remove what killed processes left behind, in shared memory and in /tmp; nothing of the living.
+    Clean {
+        /// Name that publisher and controller share; without it all instances of this user.
+        #[arg(long)]
+        instance: Option<String>,
+    },
     /// Run a controller for a long time beside a publisher that is killed and started again at random.
     ///
     /// Judged are allocations, memory and schedule. The exit code is 1 when something does not hold.
@@ -67,6 +73,7 @@ fn main() -> ExitCode {
         Command::Check { config, model } => exit(check::check(&config, &model)),
         Command::Top { instance, once } => exit(top::top(&instance, once)),
         Command::Ctl(ctl) => exit(ctl.run()),
+        Command::Clean { instance } => exit(clean::clean(instance.as_deref())),
         Command::Soak(soak) => exit(soak.run()),
         Command::Layout => {
             print_layout();

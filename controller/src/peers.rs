@@ -67,7 +67,8 @@ impl Peers {
         result
     }
 
-    /// Connects to new peers. A connection that fails is tried again, the next time.
+    /// Connects to new peers. A connection that fails, for instance in full shared memory, is tried again when
+    /// a peer comes or goes.
     pub fn connect_to_new(&mut self) {
         let _ = self.exchange(ControllerPorts::update_connections);
     }

@@ -5,17 +5,16 @@ from __future__ import annotations
 import ctypes
 import os
 import re
-import shutil
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
 import iceoryx2
 
 from sim_bridge.errors import BridgeError
+from sim_bridge.files import Files, check_memory
 from sim_bridge.messages import (
     ControllerStatus,
     JointCommand,
@@ -26,10 +25,6 @@ from sim_bridge.messages import (
 
 if TYPE_CHECKING:
     from typing_extensions import Self
-
-SHARED_MEMORY = Path("/dev/shm")
-SHARED_MEMORY_MIN_BYTES = 4 << 20
-"""Least free shared memory needed to open an instance: a full one ends in SIGBUS."""
 
 OBSERVER_BUFFER = 256
 """Newest messages that are kept for an observer, which wants each of them."""
@@ -48,8 +43,8 @@ _PORT_ERRORS = (
 class Instance:
     """One running system: a robot, its publisher and its controller have one instance name.
 
-    Its files are `/dev/shm/tprmp_<name>_*` and the folder `/tmp/tprmp-<user id>/<name>/`,
-    readable and writable by this user only.
+    Its files are `/dev/shm/tprmp_<user id>_<name>_*` and the folder `/tmp/tprmp-<user id>/<name>/`,
+    readable and writable by this user only: two users may each have an instance of one name.
     """
 
     def __init__(self, name: str) -> None:
@@ -58,21 +53,15 @@ class Instance:
                 f"instance name `{name}`: expected 1 to 32 of the characters a-z, A-Z, 0-9 and `-`"
             )
         self.name = name
-        self.prefix = f"tprmp_{name}_"
-        self.root = Path(f"/tmp/tprmp-{os.getuid()}/{name}/")
+        self.files = Files(name)
 
     def node(self) -> iceoryx2.Node:
         """A node of this instance; raises `BridgeError` when it cannot be created."""
-        free = shutil.disk_usage(SHARED_MEMORY).free
-        if free < SHARED_MEMORY_MIN_BYTES:
-            raise BridgeError(
-                f"{SHARED_MEMORY} has {free} bytes free, at least {SHARED_MEMORY_MIN_BYTES} are "
-                "needed: remove what fills it, or mount it larger"
-            )
+        check_memory()
         iceoryx2.set_log_level(iceoryx2.LogLevel.Error)
         config = iceoryx2.config.default()
-        config.global_cfg.prefix = iceoryx2.FileName.new(self.prefix)
-        config.global_cfg.root_path = iceoryx2.Path.new(f"{self.root}/")
+        config.global_cfg.prefix = iceoryx2.FileName.new(self.files.prefix)
+        config.global_cfg.root_path = iceoryx2.Path.new(f"{self.files.folder}/")
         try:
             return (
                 iceoryx2.NodeBuilder.new()
@@ -82,8 +71,9 @@ class Instance:
             )
         except iceoryx2.NodeCreationFailure as error:
             raise BridgeError(
-                f"no shared-memory node could be created ({error}): check that {self.root} and "
-                f"{SHARED_MEMORY} are writable by this user"
+                f"no shared-memory node could be created ({error}): check that {self.files.folder} "
+                "and /dev/shm are writable by this user; `controller clean` removes what killed "
+                "processes left"
             ) from error
 
     def service(
@@ -140,35 +130,24 @@ class Instance:
                 text = f"{service} already has a publisher: another one is running on this instance"
             raise BridgeError(text) from error
 
-    def remove_leftovers(self) -> None:
-        """Removes what iceoryx2 leaves of an instance without nodes.
-
-        That is a counter of 16 bytes in shared memory, and empty folders. A folder that is in
-        use is not empty, and stays.
-        """
-        nodes = self.root / "nodes"
-        if nodes.is_dir() and any(nodes.iterdir()):
-            return
-        for file in SHARED_MEMORY.glob(f"{self.prefix}*.global_mgmt"):
-            file.unlink(missing_ok=True)
-        for folder in (nodes, self.root / "services", self.root):
-            try:
-                folder.rmdir()
-            except OSError:
-                # In use, or gone already: another process was faster.
-                continue
-
 
 class _Ports:
     """Ports of an instance; closed at the end of the `with` block, without leftovers."""
 
     def __init__(self, instance: Instance) -> None:
         self._instance = instance
-        self._node = instance.node()
+        self._node = None
+        claimed = False
         try:
-            self._open(instance, self._node)
+            with instance.files.claim():
+                claimed = True
+                self._node = instance.node()
+                self._open(instance, self._node)
+                instance.files.reserve()
         except BridgeError:
-            self.close()
+            # Without the lock, which closing takes itself; what is not ours stays as it is.
+            if claimed:
+                self.close()
             raise
 
     def _open(self, instance: Instance, node: iceoryx2.Node) -> None:
@@ -180,7 +159,7 @@ class _Ports:
         for port in [name for name in vars(self) if not name.startswith("_")]:
             delattr(self, port)
         self._node = None
-        self._instance.remove_leftovers()
+        self._instance.files.remove_leftovers()
 
     def __enter__(self) -> Self:
         return self

@@ -9,7 +9,7 @@ import pytest
 from sim_bridge.cli import main
 from sim_bridge.errors import BridgeError
 from sim_bridge.messages import RobotState, TaskFrames, ToolCommand
-from sim_bridge.services import SHARED_MEMORY, Instance, StatePublisherPorts, ToolCommandPorts
+from sim_bridge.services import Instance, StatePublisherPorts, ToolCommandPorts
 
 
 def start(instance_name, *arguments):
@@ -58,7 +58,7 @@ def test_commands_are_stamped_by_the_newest_state_and_end(instance_name):
         assert list(command.angular_velocity) == [0.0, 0.0, 0.5]
         assert 7_000 < command.time_ns <= 7_000 + newest
     assert heard[-1][0].time_ns > heard[0][0].time_ns
-    assert sorted(SHARED_MEMORY.glob(f"{instance.prefix}*")) == []
+    assert instance.files.shared() == []
 
 
 def test_a_robot_or_a_listening_controller_that_is_missing_is_named(instance_name, capsys):

@@ -11,11 +11,7 @@ from conftest import SCENE_FILE
 
 from sim_bridge.errors import BridgeError
 from sim_bridge.messages import JointCommand, RobotState, TaskFrames
-from sim_bridge.services import SHARED_MEMORY, Instance, StatePublisherPorts
-
-
-def files(instance):
-    return sorted(SHARED_MEMORY.glob(f"{instance.prefix}*"))
+from sim_bridge.services import Instance, StatePublisherPorts
 
 
 def test_messages_travel_and_closed_ports_leave_no_files(instance_name):
@@ -33,10 +29,10 @@ def test_messages_travel_and_closed_ports_leave_no_files(instance_name):
         assert ports.receive_command(command)
         assert command.sequence == 7
         assert not ports.receive_command(command)
-        assert files(instance)
+        assert instance.files.shared()
         del sample, states, commands, node
-    assert files(instance) == []
-    assert not instance.root.exists()
+    assert instance.files.shared() == []
+    assert not instance.files.folder.exists()
 
 
 def test_a_second_publisher_is_refused_and_the_first_one_lives_on(instance_name):
@@ -77,8 +73,8 @@ def test_a_signal_ends_the_bridge_cleanly(tmp_path, instance_name, number):
     out, _ = process.communicate(timeout=30)
     assert process.returncode == 0
     assert "outcome: stopped before a first command" in out
-    assert files(instance) == []
-    assert not instance.root.exists()
+    assert instance.files.shared() == []
+    assert not instance.files.folder.exists()
 
 
 def test_a_missing_controller_is_named(tmp_path, instance_name):
@@ -93,4 +89,4 @@ def test_a_missing_controller_is_named(tmp_path, instance_name):
     )
     assert result.returncode == 2
     assert f"start `controller run --lockstep --instance {instance_name} ...`" in result.stderr
-    assert files(Instance(instance_name)) == []
+    assert Instance(instance_name).files.shared() == []

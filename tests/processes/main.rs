@@ -13,4 +13,5 @@ mod realtime;
 mod record;
 mod restarts;
 mod robot;
+mod shared_memory;
 mod stop;

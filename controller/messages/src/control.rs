@@ -1,8 +1,15 @@
 //! Requests to a running controller, and its answers: by request and response, off the loop.
 
-use iceoryx2::prelude::ZeroCopySend;
+use std::time::{Duration, Instant};
 
+use iceoryx2::port::client::Client;
+use iceoryx2::port::server::Server;
+use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::request_response::PortFactory;
+
+use crate::error::{SUBSCRIBERS_MAX, ServiceError};
 use crate::messages::wire_enum;
+use crate::services::{Instance, NodeGuard};
 
 /// Longest text of a request or an answer, in bytes of UTF-8; shorter ones are padded with zeros.
 pub const TEXT_CAPACITY: usize = 1000;
@@ -97,6 +104,91 @@ fn to_wire(text: &str) -> [u8; TEXT_CAPACITY] {
 pub fn control_text(bytes: &[u8; TEXT_CAPACITY]) -> String {
     let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(TEXT_CAPACITY);
     String::from_utf8_lossy(&bytes[..end]).into_owned()
+}
+
+/// The controller's side of requests: a thread beside the loop asks it. Dropped, it leaves no files behind.
+#[derive(Debug)]
+pub struct ControlServer {
+    server: Server<ipc::Service, ControlRequest, (), ControlAnswer, ()>,
+    _node: NodeGuard,
+}
+
+impl ControlServer {
+    /// Answers every request that has arrived. A connection that fails is the asking side's to notice.
+    pub fn serve(&self, mut answer: impl FnMut(&ControlRequest) -> ControlAnswer) {
+        while let Ok(Some(request)) = self.server.receive() {
+            let _ = request.send_copy(answer(request.payload()));
+        }
+    }
+}
+
+/// The asking side. Dropped, it leaves no files behind.
+#[derive(Debug)]
+pub struct ControlClient {
+    client: Client<ipc::Service, ControlRequest, (), ControlAnswer, ()>,
+    _node: NodeGuard,
+}
+
+impl ControlClient {
+    /// Sends a request and waits at most `patience` for the answer; `None` when there is none, or nobody to
+    /// give one.
+    #[must_use]
+    pub fn ask(&self, request: &ControlRequest, patience: Duration) -> Option<ControlAnswer> {
+        let pending = self.client.send_copy(*request).ok()?;
+        let start = Instant::now();
+        while start.elapsed() < patience {
+            if let Ok(Some(answer)) = pending.receive() {
+                return Some(*answer);
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        None
+    }
+}
+
+type Requests = PortFactory<ipc::Service, ControlRequest, (), ControlAnswer, ()>;
+
+impl Instance {
+    fn control(&self, node: &Node<ipc::Service>) -> Result<Requests, ServiceError> {
+        let name = self.control_name();
+        let service_name: ServiceName =
+            name.as_str().try_into().expect("an instance's name and a topic make a service's name");
+        node.service_builder(&service_name)
+            .request_response::<ControlRequest, ControlAnswer>()
+            .max_servers(1)
+            .max_clients(SUBSCRIBERS_MAX)
+            .max_nodes(16)
+            .open_or_create()
+            .map_err(|error| ServiceError::Control(name, format!("{error:?}")))
+    }
+
+    fn control_name(&self) -> String {
+        format!("{}/control/v1", self.name())
+    }
+
+    /// Opens the controller's side of requests.
+    ///
+    /// # Errors
+    /// See [`ServiceError`]; a second controller of the same instance is one.
+    pub fn open_control_server(&self) -> Result<ControlServer, ServiceError> {
+        let (server, _node) = self.open(|node| {
+            let server = self.control(node)?.server_builder().create();
+            server.map_err(|error| ServiceError::Control(self.control_name(), format!("{error:?}")))
+        })?;
+        Ok(ControlServer { server, _node })
+    }
+
+    /// Opens the asking side of requests.
+    ///
+    /// # Errors
+    /// See [`ServiceError`].
+    pub fn open_control_client(&self) -> Result<ControlClient, ServiceError> {
+        let (client, _node) = self.open(|node| {
+            let client = self.control(node)?.client_builder().create();
+            client.map_err(|error| ServiceError::Control(self.control_name(), format!("{error:?}")))
+        })?;
+        Ok(ControlClient { client, _node })
+    }
 }
 
 #[cfg(test)]

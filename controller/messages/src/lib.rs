@@ -49,14 +49,22 @@
 
 mod checks;
 mod control;
+mod error;
+mod files;
 pub mod guard;
 mod layout;
 mod messages;
 mod services;
+mod shared_memory;
 mod stop;
 
 pub use checks::{NameFault, QUATERNION_TOLERANCE, name_bytes, name_str};
-pub use control::{ControlAnswer, ControlRequest, ControlVerb, TEXT_CAPACITY, control_text};
+pub use control::{
+    ControlAnswer, ControlClient, ControlRequest, ControlServer, ControlVerb, TEXT_CAPACITY,
+    control_text,
+};
+pub use error::ServiceError;
+pub use files::Cleaned;
 pub use guard::{Action, Bounds, Cause, CommandFault, CommandGuard, Counts, JointBounds, Setpoint};
 pub use layout::{FieldLayout, LAYOUT};
 pub use messages::{
@@ -65,8 +73,8 @@ pub use messages::{
     ObstacleKind, Reason, RobotMode, RobotState, TaskFrames, ToolCommand,
 };
 pub use services::{
-    ControlClient, ControlServer, ControllerPorts, Instance, OBSERVER_BUFFER, ObserverPorts,
-    Publisher, SHARED_MEMORY_MIN_BYTES, STATE_BUFFER, Sample, ServiceError, StatePublisherPorts,
-    StatusPort, Subscriber, ToolCommandPort, free_shared_memory_bytes,
+    ControllerPorts, Instance, OBSERVER_BUFFER, ObserverPorts, Publisher, STATE_BUFFER, Sample,
+    StatePublisherPorts, StatusPort, Subscriber, ToolCommandPort,
 };
+pub use shared_memory::{SHARED_MEMORY_MIN_BYTES, SharedMemoryFault, free_shared_memory_bytes};
 pub use stop::stop_flag;

@@ -1,14 +1,9 @@
 //! Opening the services of an instance, with errors a user can act on.
 
 use core::fmt::Debug;
-use std::fs;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
 
-use iceoryx2::node::NodeCreationFailure;
-use iceoryx2::port::client::Client;
 use iceoryx2::port::publisher::PublisherCreateError;
-use iceoryx2::port::server::Server;
 use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
@@ -16,17 +11,14 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError as OpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use iceoryx2::service::port_factory::request_response::PortFactory as RequestFactory;
-use thiserror::Error;
 
-use crate::control::{ControlAnswer, ControlRequest};
+use crate::error::{SUBSCRIBERS_MAX, ServiceError};
+use crate::files::{Cleaned, Files, names_with_files};
 use crate::messages::{ControllerStatus, JointCommand, RobotState, TaskFrames, ToolCommand};
+use crate::shared_memory::{free_shared_memory_bytes, refused_reservations};
 
 /// A sample received from shared memory, without a copy.
 pub type Sample<M> = iceoryx2::sample::Sample<ipc::Service, M, ()>;
-
-/// Least free shared memory needed to open an instance \[bytes\]: a full one ends in SIGBUS.
-pub const SHARED_MEMORY_MIN_BYTES: u64 = 4 << 20;
 
 /// Newest states that are kept for the controller, which judges each of them: as many as a publisher three
 /// times as fast as the loop sends in five ticks.
@@ -39,83 +31,20 @@ pub const OBSERVER_BUFFER: usize = 256;
 const ROBOT_STATE: &str = "robot_state";
 const CONTROLLER_STATUS: &str = "controller_status";
 const TOOL_COMMAND: &str = "tool_command";
-const SUBSCRIBERS_MAX: usize = 8;
-
-/// Why the services of an instance could not be opened.
-#[derive(Debug, Error)]
-pub enum ServiceError {
-    /// The name of the instance cannot be part of a service's name.
-    #[error("instance name `{0}`: expected 1 to 32 of the characters a-z, A-Z, 0-9 and `-`")]
-    InstanceName(String),
-    /// There is not enough free shared memory.
-    #[error(
-        "/dev/shm has {free} bytes free, at least {SHARED_MEMORY_MIN_BYTES} are needed: \
-         remove what fills it, or mount it larger"
-    )]
-    SharedMemoryFull {
-        /// What is free \[bytes\].
-        free: u64,
-    },
-    /// The node could not be created.
-    #[error(
-        "no shared-memory node could be created ({0}): check that {1} and /dev/shm are writable \
-         by this user"
-    )]
-    Node(NodeCreationFailure, String),
-    /// A second publisher of the same service.
-    #[error("service `{0}` already has a publisher: another one is running on this instance")]
-    SecondPublisher(String),
-    /// The other side was built with another layout of the message.
-    #[error(
-        "service `{service}` exists with another message type or size than this program's \
-         {message} of {size} bytes: both sides must be of the same version"
-    )]
-    Incompatible {
-        /// Name of the service.
-        service: String,
-        /// Name of the message's type on this side.
-        message: &'static str,
-        /// Its size on this side \[bytes\].
-        size: usize,
-    },
-    /// The other side was built with other bounds of the service.
-    #[error(
-        "service `{0}` exists with other bounds than this program's ({1}): both sides must be of \
-         the same version"
-    )]
-    Bounds(String, OpenError),
-    /// Every place of a reader is taken.
-    #[error("service `{0}` already has {SUBSCRIBERS_MAX} readers, as many as it can have: end one")]
-    TooManySubscribers(String),
-    /// Anything else that iceoryx2 reports of a service.
-    #[error("service `{0}` could not be opened: {1}")]
-    Open(String, PublishSubscribeOpenOrCreateError),
-    /// What iceoryx2 reports of the requests' service.
-    #[error(
-        "service `{0}` could not be opened ({1}): where it exists with other types or bounds, both sides \
-         must be of the same version"
-    )]
-    Control(String, String),
-    /// Anything else that it reports of a publisher.
-    #[error("service `{0}` could not be opened: {1}")]
-    Publisher(String, PublisherCreateError),
-    /// Anything else that it reports of a subscriber.
-    #[error("service `{0}` could not be opened: {1}")]
-    Subscriber(String, SubscriberCreateError),
-}
 
 /// One running system: a robot, its publisher and its controller share an instance name.
 #[derive(Debug, Clone)]
 pub struct Instance {
     name: String,
+    files: Files,
     config: Config,
 }
 
 impl Instance {
     /// The instance of this name.
     ///
-    /// Its files are `/dev/shm/tprmp_<name>_*` and the folder `/tmp/tprmp-<user id>/<name>/`,
-    /// readable and writable by this user only.
+    /// Its files are `/dev/shm/tprmp_<user id>_<name>_*` and the folder `/tmp/tprmp-<user id>/<name>/`,
+    /// readable and writable by this user only: two users may each have an instance of one name.
     ///
     /// # Errors
     /// When the name cannot be part of a service's name.
@@ -126,40 +55,24 @@ impl Instance {
         if name.is_empty() || name.len() > 32 || !name.chars().all(allowed) {
             return Err(bad_name());
         }
-        let user = rustix::process::getuid().as_raw();
-        let root = format!("/tmp/tprmp-{user}/{name}/");
+        let files = Files::new(name);
         let mut config = Config::default();
-        config.global.prefix =
-            FileName::new(format!("tprmp_{name}_").as_bytes()).map_err(|_| bad_name())?;
+        config.global.prefix = FileName::new(files.prefix.as_bytes()).map_err(|_| bad_name())?;
+        let root = format!("{}/", files.folder.display());
         config.global.set_root_path(&Path::new(root.as_bytes()).map_err(|_| bad_name())?);
-        Ok(Self { name: name.into(), config })
+        Ok(Self { name: name.into(), files, config })
     }
 
-    /// Removes what iceoryx2 leaves of an instance without nodes: a counter of 16 bytes in
-    /// shared memory and empty folders. A folder that is in use is not empty, and stays.
-    fn remove_leftovers(&self) {
-        let root = PathBuf::from(self.config.global.root_path().to_string());
-        let nodes = root.join("nodes");
-        if fs::read_dir(&nodes).is_ok_and(|mut entries| entries.next().is_some()) {
-            return;
-        }
-        let prefix = self.config.global.prefix.to_string();
-        for entry in fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            if name.starts_with(&prefix) && name.ends_with(".global_mgmt") {
-                // Another process may have been faster: then it is gone already.
-                let _ = fs::remove_file(entry.path());
-            }
-        }
-        for folder in [nodes, root.join("services"), root] {
-            let _ = fs::remove_dir(folder);
-        }
+    /// All instances of which this user has files, running or not, in the order of their names.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        names_with_files().iter().filter_map(|name| Self::new(name).ok()).collect()
     }
 
     /// Its folder; it exists while something of the instance is open.
     #[must_use]
     pub fn folder(&self) -> PathBuf {
-        PathBuf::from(self.config.global.root_path().to_string())
+        self.files.folder.clone()
     }
 
     /// Its name.
@@ -168,17 +81,42 @@ impl Instance {
         &self.name
     }
 
+    /// Removes what killed processes left behind, and nothing of the living. It can be called at any time.
+    ///
+    /// # Errors
+    /// When the files are not this user's, or cannot be removed.
+    pub fn clean(&self) -> Result<Cleaned, ServiceError> {
+        set_log_level(LogLevel::Fatal);
+        self.files.clean(&self.config)
+    }
+
+    /// Opens ports, once there is room for them and the files are known to be this user's own. What does not
+    /// fit after all is an error, too, and nothing of it stays.
+    pub(crate) fn open<P>(
+        &self,
+        ports: impl FnOnce(&Node<ipc::Service>) -> Result<P, ServiceError>,
+    ) -> Result<(P, NodeGuard), ServiceError> {
+        let lock = self.files.claim()?;
+        // Where nothing is opened, what is left over is removed without the lock, which that takes itself.
+        let leftovers = Leftovers(self.files.clone());
+        let opened = reserved(|| {
+            free_shared_memory_bytes()?;
+            let node = self.node()?;
+            let ports = ports(&node)?;
+            Ok((ports, node))
+        });
+        drop(lock);
+        let (ports, node) = opened?;
+        Ok((ports, NodeGuard { node, leftovers }))
+    }
+
     fn node(&self) -> Result<Node<ipc::Service>, ServiceError> {
-        let free = free_shared_memory_bytes();
-        if free < SHARED_MEMORY_MIN_BYTES {
-            return Err(ServiceError::SharedMemoryFull { free });
-        }
         set_log_level(LogLevel::Error);
         NodeBuilder::new()
             .config(&self.config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
-            .map_err(|e| ServiceError::Node(e, self.config.global.root_path().to_string()))
+            .map_err(|e| ServiceError::Node(e, self.files.folder.display().to_string()))
     }
 
     fn service<M: Debug + ZeroCopySend + 'static>(
@@ -241,15 +179,16 @@ impl Instance {
     /// # Errors
     /// See [`ServiceError`]; a second controller of the same instance is one.
     pub fn open_controller(&self) -> Result<ControllerPorts, ServiceError> {
-        let node = self.node()?;
-        Ok(ControllerPorts {
-            command: self.publisher(&node, "joint_command")?,
-            status: self.publisher(&node, CONTROLLER_STATUS)?,
-            state: self.subscriber(&node, ROBOT_STATE, STATE_BUFFER)?,
-            frames: self.subscriber(&node, "task_frames", 1)?,
-            tool_command: None,
-            node: NodeGuard { node, leftovers: Leftovers(self.clone()) },
-        })
+        let ((command, status, state, frames), node) = self.open(|node| {
+            Ok((
+                self.publisher(node, "joint_command")?,
+                self.publisher(node, CONTROLLER_STATUS)?,
+                self.subscriber(node, ROBOT_STATE, STATE_BUFFER)?,
+                self.subscriber(node, "task_frames", 1)?,
+            ))
+        })?;
+        let instance = self.clone();
+        Ok(ControllerPorts { state, frames, command, status, tool_command: None, instance, node })
     }
 
     /// Opens the side of a state publisher: a simulator, or the driver of a real robot.
@@ -257,14 +196,15 @@ impl Instance {
     /// # Errors
     /// See [`ServiceError`]; a second state publisher of the same instance is one.
     pub fn open_state_publisher(&self) -> Result<StatePublisherPorts, ServiceError> {
-        let node = self.node()?;
-        Ok(StatePublisherPorts {
-            state: self.publisher(&node, ROBOT_STATE)?,
-            frames: self.publisher(&node, "task_frames")?,
-            command: self.subscriber(&node, "joint_command", 1)?,
-            status: self.subscriber(&node, CONTROLLER_STATUS, 1)?,
-            _node: NodeGuard { node, leftovers: Leftovers(self.clone()) },
-        })
+        let ((state, frames, command, status), _node) = self.open(|node| {
+            Ok((
+                self.publisher(node, ROBOT_STATE)?,
+                self.publisher(node, "task_frames")?,
+                self.subscriber(node, "joint_command", 1)?,
+                self.subscriber(node, CONTROLLER_STATUS, 1)?,
+            ))
+        })?;
+        Ok(StatePublisherPorts { state, frames, command, status, _node })
     }
 
     /// Opens the side of an observer of states and frames: it publishes nothing, and neither a
@@ -273,12 +213,13 @@ impl Instance {
     /// # Errors
     /// See [`ServiceError`].
     pub fn open_observer(&self) -> Result<ObserverPorts, ServiceError> {
-        let node = self.node()?;
-        Ok(ObserverPorts {
-            state: self.subscriber(&node, ROBOT_STATE, OBSERVER_BUFFER)?,
-            frames: self.subscriber(&node, "task_frames", 1)?,
-            _node: NodeGuard { node, leftovers: Leftovers(self.clone()) },
-        })
+        let ((state, frames), _node) = self.open(|node| {
+            Ok((
+                self.subscriber(node, ROBOT_STATE, OBSERVER_BUFFER)?,
+                self.subscriber(node, "task_frames", 1)?,
+            ))
+        })?;
+        Ok(ObserverPorts { state, frames, _node })
     }
 
     /// Opens the side of an external command of the tool, beside the skill. A controller need not be there,
@@ -287,11 +228,8 @@ impl Instance {
     /// # Errors
     /// See [`ServiceError`]; a second one who commands the same instance is one.
     pub fn open_tool_command(&self) -> Result<ToolCommandPort, ServiceError> {
-        let node = self.node()?;
-        Ok(ToolCommandPort {
-            command: self.publisher(&node, TOOL_COMMAND)?,
-            _node: NodeGuard { node, leftovers: Leftovers(self.clone()) },
-        })
+        let (command, _node) = self.open(|node| self.publisher(node, TOOL_COMMAND))?;
+        Ok(ToolCommandPort { command, _node })
     }
 
     /// Opens the side of a reader of the controller's status, whether it is there or not.
@@ -299,59 +237,24 @@ impl Instance {
     /// # Errors
     /// See [`ServiceError`].
     pub fn open_status(&self) -> Result<StatusPort, ServiceError> {
-        let node = self.node()?;
-        Ok(StatusPort {
-            status: self.subscriber(&node, CONTROLLER_STATUS, OBSERVER_BUFFER)?,
-            _node: NodeGuard { node, leftovers: Leftovers(self.clone()) },
-        })
+        let (status, _node) =
+            self.open(|node| self.subscriber(node, CONTROLLER_STATUS, OBSERVER_BUFFER))?;
+        Ok(StatusPort { status, _node })
     }
 }
 
-impl Instance {
-    fn control(
-        &self,
-        node: &Node<ipc::Service>,
-    ) -> Result<RequestFactory<ipc::Service, ControlRequest, (), ControlAnswer, ()>, ServiceError>
-    {
-        let name = format!("{}/control/v1", self.name);
-        let service_name: ServiceName =
-            name.as_str().try_into().expect("an instance's name and a topic make a service's name");
-        node.service_builder(&service_name)
-            .request_response::<ControlRequest, ControlAnswer>()
-            .max_servers(1)
-            .max_clients(SUBSCRIBERS_MAX)
-            .max_nodes(16)
-            .open_or_create()
-            .map_err(|error| ServiceError::Control(name, format!("{error:?}")))
+/// Does what creates files in shared memory. That one of them did not fit is the reason of whatever else
+/// went wrong, and an error where iceoryx2 makes none of it.
+fn reserved<T>(create: impl FnOnce() -> Result<T, ServiceError>) -> Result<T, ServiceError> {
+    let before = refused_reservations();
+    let result = create();
+    if refused_reservations() == before {
+        return result;
     }
-
-    /// Opens the controller's side of requests.
-    ///
-    /// # Errors
-    /// See [`ServiceError`]; a second controller of the same instance is one.
-    pub fn open_control_server(&self) -> Result<ControlServer, ServiceError> {
-        let node = self.node()?;
-        let server = self.control(&node)?.server_builder().create();
-        let server = server.map_err(|error| {
-            ServiceError::Control(format!("{}/control/v1", self.name), format!("{error:?}"))
-        })?;
-        let leftovers = Leftovers(self.clone());
-        Ok(ControlServer { server, _node: NodeGuard { node, leftovers } })
-    }
-
-    /// Opens the asking side of requests.
-    ///
-    /// # Errors
-    /// See [`ServiceError`].
-    pub fn open_control_client(&self) -> Result<ControlClient, ServiceError> {
-        let node = self.node()?;
-        let client = self.control(&node)?.client_builder().create();
-        let client = client.map_err(|error| {
-            ServiceError::Control(format!("{}/control/v1", self.name), format!("{error:?}"))
-        })?;
-        let leftovers = Leftovers(self.clone());
-        Ok(ControlClient { client, _node: NodeGuard { node, leftovers } })
-    }
+    // What was created is dropped first.
+    drop(result);
+    let free = free_shared_memory_bytes()?;
+    Err(ServiceError::SharedMemoryFilled { free })
 }
 
 fn open_error<M>(service: &str, error: PublishSubscribeOpenOrCreateError) -> ServiceError {
@@ -373,12 +276,6 @@ fn open_error<M>(service: &str, error: PublishSubscribeOpenOrCreateError) -> Ser
         ) => ServiceError::Bounds(name, bound),
         other => ServiceError::Open(name, other),
     }
-}
-
-/// Free shared memory \[bytes\], the most there can be when it is not known.
-#[must_use]
-pub fn free_shared_memory_bytes() -> u64 {
-    rustix::fs::statvfs("/dev/shm").map_or(u64::MAX, |s| s.f_bavail.saturating_mul(s.f_frsize))
 }
 
 /// Sends messages of type `M`.
@@ -431,13 +328,14 @@ impl<M: Debug + ZeroCopySend + 'static> Subscriber<M> {
 
 /// Fields are dropped in this order: first the node goes, then what it left behind.
 #[derive(Debug)]
-struct NodeGuard {
+pub(crate) struct NodeGuard {
     node: Node<ipc::Service>,
+    #[expect(dead_code, reason = "dropped after the node")]
     leftovers: Leftovers,
 }
 
 #[derive(Debug)]
-struct Leftovers(Instance);
+struct Leftovers(Files);
 
 impl Drop for Leftovers {
     fn drop(&mut self) {
@@ -458,6 +356,7 @@ pub struct ControllerPorts {
     pub status: Publisher<ControllerStatus>,
     /// Newest external command; `None` for a controller that does not listen.
     pub tool_command: Option<Subscriber<ToolCommand>>,
+    instance: Instance,
     node: NodeGuard,
 }
 
@@ -467,8 +366,8 @@ impl ControllerPorts {
     /// # Errors
     /// See [`ServiceError`].
     pub fn listen(&mut self) -> Result<(), ServiceError> {
-        let NodeGuard { node, leftovers: Leftovers(instance) } = &self.node;
-        self.tool_command = Some(instance.subscriber(node, TOOL_COMMAND, 1)?);
+        let port = reserved(|| self.instance.subscriber(&self.node.node, TOOL_COMMAND, 1))?;
+        self.tool_command = Some(port);
         Ok(())
     }
 
@@ -481,46 +380,6 @@ impl ControllerPorts {
             & self.state.update_connections()
             & self.frames.update_connections()
             & self.tool_command.as_ref().is_none_or(Subscriber::update_connections)
-    }
-}
-
-/// The controller's side of requests: a thread beside the loop asks it. Dropped, it leaves no files behind.
-#[derive(Debug)]
-pub struct ControlServer {
-    server: Server<ipc::Service, ControlRequest, (), ControlAnswer, ()>,
-    _node: NodeGuard,
-}
-
-impl ControlServer {
-    /// Answers every request that has arrived. A connection that fails is the asking side's to notice.
-    pub fn serve(&self, mut answer: impl FnMut(&ControlRequest) -> ControlAnswer) {
-        while let Ok(Some(request)) = self.server.receive() {
-            let _ = request.send_copy(answer(request.payload()));
-        }
-    }
-}
-
-/// The asking side. Dropped, it leaves no files behind.
-#[derive(Debug)]
-pub struct ControlClient {
-    client: Client<ipc::Service, ControlRequest, (), ControlAnswer, ()>,
-    _node: NodeGuard,
-}
-
-impl ControlClient {
-    /// Sends a request and waits at most `patience` for the answer; `None` when there is none, or nobody to
-    /// give one.
-    #[must_use]
-    pub fn ask(&self, request: &ControlRequest, patience: Duration) -> Option<ControlAnswer> {
-        let pending = self.client.send_copy(*request).ok()?;
-        let start = Instant::now();
-        while start.elapsed() < patience {
-            if let Ok(Some(answer)) = pending.receive() {
-                return Some(*answer);
-            }
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        None
     }
 }
 
@@ -689,20 +548,11 @@ mod tests {
     #[test]
     fn closed_ports_leave_no_files() {
         let instance = instance("clean");
-        let prefix = format!("tprmp_{}_", instance.name());
-        let files = |dir: &str| {
-            std::fs::read_dir(dir).map_or(0, |entries| {
-                entries
-                    .flatten()
-                    .filter(|e| e.file_name().to_string_lossy().starts_with(&prefix))
-                    .count()
-            })
-        };
         {
             let _robot = instance.open_state_publisher().unwrap();
-            assert!(files("/dev/shm") > 0);
+            assert!(!instance.files.shared().is_empty());
         }
-        assert_eq!(files("/dev/shm"), 0);
-        assert!(!std::path::Path::new(&instance.config.global.root_path().to_string()).exists());
+        assert!(instance.files.shared().is_empty());
+        assert!(!instance.files.folder.exists());
     }
 }

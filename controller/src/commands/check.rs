@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use tprmp_messages::{SHARED_MEMORY_MIN_BYTES, free_shared_memory_bytes};
+use tprmp_messages::free_shared_memory_bytes;
 use tprmp_model::controller_config::{self, Capability, ControllerConfig, RealTime};
 use tprmp_model::skill_model::SkillModel;
 use tprmp_robot::{Chain, ControlPoints, Ignored, SelfPairs};
@@ -125,20 +125,10 @@ fn list_pairs<const N: usize>(chain: &Chain<N>, pairs: &SelfPairs) {
 /// Tries on this thread what the loop would ask for, and looks at what it depends on.
 fn check_machine(config: &ControllerConfig) {
     check_capabilities(&config.real_time);
-    let free = free_shared_memory_bytes();
-    if free >= SHARED_MEMORY_MIN_BYTES {
-        line("ok", "shared memory", &format!("{} MiB free in /dev/shm", free >> 20));
-    } else {
-        line(
-            "lack",
-            "shared memory",
-            &format!(
-                "{} KiB free in /dev/shm, {} MiB are needed: remove what fills it, or \
-                 `mount -o remount,size=64M /dev/shm`",
-                free >> 10,
-                SHARED_MEMORY_MIN_BYTES >> 20
-            ),
-        );
+    match free_shared_memory_bytes() {
+        Ok(u64::MAX) => line("ok", "shared memory", "/dev/shm has no limit"),
+        Ok(free) => line("ok", "shared memory", &format!("{} MiB free in /dev/shm", free >> 20)),
+        Err(fault) => line("lack", "shared memory", &fault.to_string()),
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     if cores >= 2 {

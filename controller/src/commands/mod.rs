@@ -1,6 +1,7 @@
 //! What the command line offers.
 
 pub mod check;
+pub mod clean;
 pub mod ctl;
 pub mod monitor;
 pub mod overrides;

@@ -180,7 +180,7 @@ fn a_lockstep_run_is_the_same_twice_and_ends_when_the_controller_leaves() {
         assert!(bridge.contains("\"outcome\": \"done\""), "{bridge}");
         let left = std::fs::read_dir("/dev/shm").unwrap().flatten().any(|entry| {
             let file = entry.file_name().to_string_lossy().into_owned();
-            file.starts_with(&format!("tprmp_{name}_"))
+            file.contains(&format!("_{name}_"))
         });
         assert!(!left, "shared memory files are left");
     }
