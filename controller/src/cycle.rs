@@ -381,6 +381,10 @@ impl<const N: usize> Cycle<N> {
     fn brake(&mut self, measured: Option<JointState<N>>, reason: Reason, dt: f64) -> CommandMode {
         self.braking_for = Some(reason);
         self.supervisor.fail(reason);
+        // In lockstep no time passes then, in which the arm could be brought to rest.
+        if reason == Reason::StateTimeStuck && self.timing.pacing() == Pacing::Lockstep {
+            self.motion.robot_brakes();
+        }
         // Whether the arm makes progress is judged anew once it goes on.
         self.stall = StallDetector::default();
         if let Some(setpoint) = self.fall_back(measured, reason, dt) {

@@ -175,9 +175,10 @@ impl<const N: usize> StateEstimator<N> {
         let possible = (0..N).all(|i| {
             let most = self.speed_max[i];
             let change = (now.joints.velocity[i] - last.joints.velocity[i]).abs();
-            // Half of what the velocity may have risen by in between, and fallen again.
-            let between = 0.25 * most / SPEED_UP_S * elapsed_s * elapsed_s;
-            change <= most * (VELOCITY_NOISE + elapsed_s / SPEED_UP_S)
+            // It may have sped up in between, by no more than its largest speed, and slowed down again.
+            let sped_up_s = elapsed_s.min(SPEED_UP_S);
+            let between = 0.25 * most / SPEED_UP_S * sped_up_s * sped_up_s;
+            change <= most * (VELOCITY_NOISE + sped_up_s / SPEED_UP_S)
                 && beside[i].abs() <= most * POSITION_NOISE_S + between
         });
         if possible { Ok(()) } else { Err(Reason::StateUnbelievable) }
@@ -328,6 +329,18 @@ mod tests {
         for k in 130..400 {
             let wrong = if k % 2 == 0 { state(k) } else { moved(k + 1_000_000) };
             assert!(judged(&mut estimator, &wrong).is_err() || k % 2 == 1, "{k}");
+        }
+    }
+
+    /// Nor does the time that passes while others are refused.
+    #[test]
+    fn what_contradicts_itself_is_not_believed_however_long_it_lasts() {
+        let mut estimator = running(100);
+        for k in 100..600 {
+            let mut wrong = state(k);
+            wrong.position = state(99).position;
+            wrong.velocity[0] = if k % 2 == 0 { 5.0 } else { -5.0 };
+            assert!(judged(&mut estimator, &wrong).is_err(), "{k}");
         }
     }
 
