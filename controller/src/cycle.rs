@@ -382,7 +382,10 @@ impl<const N: usize> Cycle<N> {
         self.braking_for = Some(reason);
         self.supervisor.fail(reason);
         // In lockstep no time passes then, in which the arm could be brought to rest.
-        if reason == Reason::StateTimeStuck && self.timing.pacing() == Pacing::Lockstep {
+        if self.lasts
+            && reason == Reason::StateTimeStuck
+            && self.timing.pacing() == Pacing::Lockstep
+        {
             self.motion.robot_brakes();
         }
         // Whether the arm makes progress is judged anew once it goes on.

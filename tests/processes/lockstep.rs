@@ -132,7 +132,7 @@ fn a_model_without_its_certificate_runs_when_it_is_allowed_to() {
         assert!(ticks > 1000, "{summary}");
         // It follows the skill: no check of its input or limit holds it.
         let by_reason = |reason: &str| summary["ticks_by_reason"][reason].as_u64().unwrap_or(0);
-        let allowed = ["None", "Blocked", "Unreachable", "StopRequested"];
+        let allowed = ["None", "Blocked", "Unreachable", "StopRequested", "StateUnconfirmed"];
         assert_eq!(allowed.map(by_reason).iter().sum::<u64>(), ticks, "{summary}");
         streams.push(commands);
     }

@@ -14,8 +14,11 @@ use crate::motion::tracking::{Torques, Tracking};
 
 /// A measured arm slower than this is at rest \[rad/s or m/s\].
 const MEASURED_REST: f64 = 1e-2;
-/// The arm is where the reference is when it is as near as the largest speed takes it in this time \[s\] …
+/// In motion the arm is where the reference is when it is as near as the largest speed takes it in this time
+/// \[s\] …
 const NEAR_S: f64 = 0.02;
+/// … at rest when the reference has come there \[rad or m\] …
+const NEAR_REST: f64 = 1e-9;
 /// … and as fast, up to this fraction of the largest speed.
 const NEAR_SPEED: f64 = 0.1;
 
@@ -51,6 +54,8 @@ pub struct MotionGenerator<const N: usize> {
     /// What was published last.
     published: Option<Setpoint<N>>,
     tie: Tie,
+    /// Whether the robot brakes on its own in this tick.
+    own_stop: bool,
     /// Whether the policy was not followed in the last tick.
     holding: bool,
     /// Whether something else than the policy has moved the arm from rest since then.
@@ -72,6 +77,7 @@ impl<const N: usize> MotionGenerator<N> {
             stop: config.stop,
             published: None,
             tie: Tie::Unseen,
+            own_stop: false,
             holding: true,
             left_rest: false,
             fade_s: 0.0,
@@ -114,6 +120,7 @@ impl<const N: usize> MotionGenerator<N> {
     /// The robot brakes on its own, or has done so because a command expired before its successor came.
     pub fn robot_brakes(&mut self) {
         self.tie = Tie::Braked;
+        self.own_stop = true;
         self.holding = true;
     }
 
@@ -185,26 +192,27 @@ impl<const N: usize> MotionGenerator<N> {
         let wanted = motion.braking(&self.limits, self.stop.deceleration_fraction, dt);
         let rested = motion.rests();
         motion.advance(&wanted, &self.limits, dt);
+        if let (Tie::Braked, true, Some(state)) = (self.tie, rested, inside) {
+            // No faster than the arm could have moved there.
+            let most = self.limits.velocity_max * dt;
+            motion.position += (state.position - motion.position)
+                .zip_map(&most, |offset, most| offset.clamp(-most, most));
+        }
+        let own_stop = core::mem::take(&mut self.own_stop);
         self.tie = match (self.tie, inside) {
-            (Tie::Follows | Tie::Unseen, None) if measured.is_none() => Tie::Unseen,
+            _ if own_stop => Tie::Braked,
+            (Tie::Follows | Tie::Unseen, None) if measured.is_none() && !motion.rests() => {
+                Tie::Unseen
+            }
+            (Tie::Follows, _) if measured.is_some() => Tie::Follows,
             (_, Some(state)) if self.is_near(&motion, &state) => Tie::Follows,
-            (Tie::Follows, _) => Tie::Follows,
             _ => Tie::Braked,
         };
-        if self.tie == Tie::Unseen && motion.rests() {
-            self.tie = Tie::Braked;
-        }
         if self.tie != Tie::Braked {
             let state = measured
                 .unwrap_or(JointState { position: motion.position, velocity: motion.velocity });
             let torques = self.torques(chain, &state, &motion, None, dt);
             return Some((self.publish(motion, torques, SVector::zeros(), dt)?, CommandMode::Hold));
-        }
-        if let (true, Some(state)) = (rested, inside) {
-            // No faster than the arm could have moved there.
-            let most = self.limits.velocity_max * dt;
-            motion.position += (state.position - motion.position)
-                .zip_map(&most, |offset, most| offset.clamp(-most, most));
         }
         let gravity_m_s2 = self.tracking.gravity_m_s2;
         let torques = Torques::resting(chain, &self.limits, gravity_m_s2, &at.position);
@@ -266,9 +274,11 @@ impl<const N: usize> MotionGenerator<N> {
 
     /// Whether the arm is where the reference is, and as fast.
     fn is_near(&self, motion: &JointMotion<N>, state: &JointState<N>) -> bool {
+        let rests = motion.rests();
         (0..N).all(|i| {
             let most = self.limits.velocity_max[i];
-            (state.position[i] - motion.position[i]).abs() <= most * NEAR_S
+            let near = if rests { NEAR_REST } else { most * NEAR_S };
+            (state.position[i] - motion.position[i]).abs() <= near
                 && (state.velocity[i] - motion.velocity[i]).abs() <= most * NEAR_SPEED
         })
     }
