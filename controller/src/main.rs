@@ -18,8 +18,8 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 /// Runs a learned skill on a robot, in a hard loop over shared memory.
 ///
 /// Start a state publisher on the same instance (`sim-bridge run`, `planar-sim run`, the driver of
-/// a real robot), then `controller run`. Stop it with Ctrl-C: the arm ramps down to rest; a second
-/// Ctrl-C leaves at once.
+/// a real robot), then `controller run`. Stop it with Ctrl-C: the arm ramps down to rest; another
+/// Ctrl-C, half a second later or more, leaves at once.
 #[derive(Debug, Parser)]
 #[command(version, name = "controller")]
 struct Arguments {

@@ -47,7 +47,7 @@ enum Command {
     /// Run the simulator live, beside a controller, until the task is done.
     ///
     /// The point waits, braked, for the controller's first command. Ctrl-C ends the run and still
-    /// writes the log; a second Ctrl-C leaves at once.
+    /// writes the log; another Ctrl-C, half a second later or more, leaves at once.
     Run {
         /// Where the goal and the obstacle are and how they move; the same seed, the same run.
         #[arg(long)]
