@@ -1,7 +1,6 @@
 //! The command line of the controller.
 
 use std::fmt::Display;
-use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -10,6 +9,8 @@ use tprmp_controller::commands::run::Run;
 use tprmp_controller::commands::soak::Soak;
 use tprmp_controller::commands::{check, top};
 use tprmp_controller::timing::allocation::CountingAllocator;
+use tprmp_files::standard::exit_code;
+use tprmp_files::{errln, outln};
 use tprmp_messages::LAYOUT;
 
 #[global_allocator]
@@ -66,17 +67,17 @@ fn main() -> ExitCode {
         Command::Soak(soak) => exit(soak.run()),
         Command::Layout => {
             print_layout();
-            ExitCode::SUCCESS
+            exit_code(true)
         }
     }
 }
 
 fn exit(result: Result<(), impl Display>) -> ExitCode {
     match result {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => exit_code(true),
         Err(error) => {
-            eprintln!("controller: {error}");
-            ExitCode::FAILURE
+            errln!("controller: {error}");
+            exit_code(false)
         }
     }
 }
@@ -90,5 +91,5 @@ fn print_layout() {
             })
         })
         .collect();
-    let _ = writeln!(std::io::stdout(), "{}", serde_json::Value::from(fields));
+    outln!("{}", serde_json::Value::from(fields));
 }

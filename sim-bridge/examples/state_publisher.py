@@ -16,7 +16,7 @@ for frame, name, position in zip(frames.frames, ("start", "end"), ((0, 0, 0), (2
     write_name(frame, name)
     frame.valid, frame.position[:], frame.quaternion[:] = 1, position, (1, 0, 0, 0)
 command = JointCommand()
-with StatePublisherPorts(Instance(instance)) as ports, StopSignal() as stop:
+with StopSignal() as stop, StatePublisherPorts(Instance(instance)) as ports:
     while not stop.requested:
         now_ns = time.monotonic_ns()
         ports.receive_command(command)

@@ -168,7 +168,7 @@ def test_every_seed_starts_clear_of_the_sphere(scene, world):
 
 def test_a_log_survives_the_disk(world, scene, tmp_path):
     log = synthetic_log(world, scene, 400, 0.12)
-    log_files.save(tmp_path, log, {"seed": 3})
+    log_files.save(tmp_path, log, {"seed": 3}, force=False)
     loaded, bridge = log_files.load(tmp_path)
     assert bridge == {"schema": log_files.SCHEMA, "seed": 3}
     assert set(loaded) == set(log)

@@ -83,7 +83,7 @@ fn shown(path: &Path) -> String {
 /// system refuses (no such folder, no permission, disk full).
 pub fn write(path: &Path, content: impl AsRef<[u8]>, existing: Existing) -> Result<(), WriteError> {
     let mut draft = Draft::open(path, existing)?;
-    draft.write_all(content.as_ref()).map_err(WriteError::system(path))?;
+    draft.put(content)?;
     draft.keep()
 }
 
@@ -145,6 +145,15 @@ impl Draft {
         self.file.path()
     }
 
+    /// Adds to the file.
+    ///
+    /// # Errors
+    /// [`WriteError::System`], e.g. when the disk is full.
+    pub fn put(&mut self, content: impl AsRef<[u8]>) -> Result<(), WriteError> {
+        let written = self.file.as_file_mut().write_all(content.as_ref());
+        written.map_err(WriteError::system(&self.path))
+    }
+
     /// Gives the file its name.
     ///
     /// # Errors
@@ -168,16 +177,6 @@ impl Draft {
             }
             Err(error) => Err(failed(error.error)),
         }
-    }
-}
-
-impl Write for Draft {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.file.as_file_mut().write(bytes)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.file.as_file_mut().flush()
     }
 }
 
@@ -318,7 +317,7 @@ mod tests {
         write(&file, "before", Existing::Replace).unwrap();
         try_out(&file, Existing::Replace).unwrap();
         let mut draft = Draft::open(&file, Existing::Replace).unwrap();
-        draft.write_all(b"half a").unwrap();
+        draft.put("half a").unwrap();
         assert_eq!(names(folder.path()).len(), 2);
         drop(draft);
         assert_eq!(names(folder.path()), ["log.csv"]);
