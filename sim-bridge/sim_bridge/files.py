@@ -136,8 +136,11 @@ def _is_control(c: str) -> bool:
 
 
 class _Stream(io.FileIO):
-    """A standard stream. A reader that has gone away, as in `sim-bridge … | head`, is no reason to
-    fail; what else goes wrong is reported when it first happens, and kept."""
+    """A standard stream, whether somebody reads it or not.
+
+    A reader that has gone away, as in `sim-bridge … | head`, is no reason to fail; what else goes
+    wrong is reported when it first happens, and kept.
+    """
 
     def __init__(self, descriptor: int) -> None:
         super().__init__(descriptor, "w", closefd=False)

@@ -63,7 +63,12 @@ def fit(file: Path, out: Path) -> None:
     fitting = settings.section(Fitting, file, "", settings.read_json(file))
     import pybullet_data
 
-    package = Path(pybullet_data.getDataPath()) / fitting.package_urdf
+    data = Path(pybullet_data.getDataPath()).resolve()
+    package = (data / fitting.package_urdf).resolve()
+    if data not in package.parents:
+        raise settings.refused(
+            file, "package_urdf", "a path inside pybullet's data package", fitting.package_urdf
+        )
     robot = _tree(package, file, "package_urdf")
     tool = _tree(fitting.tool_urdf, file, "tool_urdf")
     _take_off(robot, file, fitting.without_links)

@@ -27,7 +27,8 @@ during the step that began then; N rows, J joints, everything in the base frame 
 
 `bridge.json`: `schema` ("tprmp-bridge/1"), `scene` (file), `seed`, `instance`, `mode` ("real
 time" or "lockstep"), `physics_rate_hz`, `outcome` ("lifted", "timeout", "stopped",
-"controller stopped", "controller lost", "failed"), `episode` (what the seed drew), `timing` and `result` (see `evaluate`).
+"controller stopped", "controller lost", "failed"), `episode` (what the seed drew), `timing` and
+`result` (see `evaluate`).
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ mod command;
 mod common;
 mod examples;
 mod faults;
+mod files;
 mod lockstep;
 mod realtime;
 mod record;
