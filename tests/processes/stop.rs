@@ -82,13 +82,13 @@ fn top_leaves_nothing_behind() {
         let mut command = program("controller");
         command.args(["top", "--instance", &place.instance]).stdout(Stdio::piped());
         let mut top = command.spawn().unwrap();
-        let mut seen = BufReader::new(top.stdout.take().unwrap()).lines();
+        let mut lines = BufReader::new(top.stdout.take().unwrap()).lines();
         // What it shows comes from the controller, whose point goes on meanwhile.
-        let shown = std::thread::spawn(move || seen.next().unwrap().unwrap());
-        while !shown.is_finished() {
+        let seen = std::thread::spawn(move || lines.next().unwrap().unwrap());
+        while !seen.is_finished() {
             robot.live();
         }
-        assert!(shown.join().unwrap().contains(&place.instance));
+        assert!(seen.join().unwrap().contains(&place.instance));
         signal(&top, name);
         assert!(finish(top).status.success(), "{name}");
         stop_live(robot, controller);

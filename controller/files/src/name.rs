@@ -38,8 +38,8 @@ pub struct NameError {
     found: String,
 }
 
-/// So many characters of a text that is no name are shown.
-const SHOWN: usize = 40;
+/// So many characters of a text that is no name are quoted.
+const QUOTED: usize = 40;
 
 impl Name {
     /// With a number and an extension it is still a file name on every file system.
@@ -74,7 +74,7 @@ pub fn check(text: &str) -> Result<(), NameError> {
     if fits {
         return Ok(());
     }
-    let beginning: String = text.chars().take(SHOWN).collect();
+    let beginning: String = text.chars().take(QUOTED).collect();
     let more = if beginning.len() < text.len() { "…" } else { "" };
     let escaped: String = beginning
         .chars()

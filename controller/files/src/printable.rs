@@ -4,15 +4,15 @@
 /// begins no line of its own. Line ends stay: [`crate::Name`] has none, and messages may.
 #[must_use]
 pub fn printable(text: &str) -> String {
-    let mut shown = String::with_capacity(text.len());
+    let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
         if is_control(c) && c != '\n' {
-            shown.extend(c.escape_unicode());
+            escaped.extend(c.escape_unicode());
         } else {
-            shown.push(c);
+            escaped.push(c);
         }
     }
-    shown
+    escaped
 }
 
 /// Control characters, line and paragraph separators, and what turns the direction of writing.

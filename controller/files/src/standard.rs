@@ -2,6 +2,7 @@
 
 use std::fmt::Arguments;
 use std::io::{self, ErrorKind, Write, stderr, stdout};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -17,7 +18,9 @@ pub fn out(text: Arguments<'_>) {
     if let Err(error) = write(&mut stdout(), text)
         && !LOST.swap(true, Ordering::Relaxed)
     {
-        err(format_args!("standard output cannot be written: {error}\n"));
+        let program = std::env::args_os().next().map(PathBuf::from).unwrap_or_default();
+        let program = program.file_name().unwrap_or_default().to_string_lossy();
+        err(format_args!("{program}: standard output cannot be written: {error}\n"));
     }
 }
 

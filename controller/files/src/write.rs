@@ -38,7 +38,7 @@ pub enum WriteError {
     /// Nothing else than a file is replaced.
     #[error(
         "{} cannot be written: it is {kind}; name a file that is there, or a new one",
-        shown(path)
+        quoted(path)
     )]
     NotAFile {
         /// The path that was asked for.
@@ -49,14 +49,14 @@ pub enum WriteError {
     /// Somebody else's file.
     #[error(
         "{} is there already and stays as it is: name another place, or give --force to replace it",
-        shown(path)
+        quoted(path)
     )]
     Exists {
         /// The path that was asked for.
         path: PathBuf,
     },
     /// The system refuses.
-    #[error("{} cannot be written: {source}", shown(path))]
+    #[error("{} cannot be written: {source}", quoted(path))]
     System {
         /// The file or folder.
         path: PathBuf,
@@ -72,7 +72,7 @@ impl WriteError {
 }
 
 /// A path in a message.
-fn shown(path: &Path) -> String {
+fn quoted(path: &Path) -> String {
     format!("`{}`", printable(&path.to_string_lossy()))
 }
 
