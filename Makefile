@@ -111,10 +111,10 @@ soak: seed build
 	@$(BIN)/learner train config/skills/planar.ron --out target/soak/planar.model.ron > /dev/null
 	$(BIN)/controller soak config/controllers/planar.ron --model target/soak/planar.model.ron \
 	    --minutes $(MINUTES) --seed $(SEED) --out target/soak -- \
-	    $(BIN)/planar-sim run --seed {seed} --out target/soak/run --instance soak
+	    $(BIN)/planar-sim run --seed {seed} --out target/soak/run --instance soak --force
 
 experiments: seed build
-	$(BIN)/experiments --seed $(SEED) $(if $(QUICK),--quick) $(if $(DATASET),--dataset '$(DATASET)')
+	$(BIN)/experiments --seed $(SEED) --force $(if $(QUICK),--quick) $(if $(DATASET),--dataset '$(DATASET)')
 
 # Arms of pybullet's own data package, with the suction tool fitted.
 robots: venv
@@ -124,7 +124,7 @@ robots: venv
 experiments-arm: robots build
 	@mkdir -p target/experiments
 	@$(BIN)/learner train config/skills/pick.ron --out target/experiments/pick.model.ron > /dev/null
-	$(BRIDGE) experiments --model target/experiments/pick.model.ron $(if $(QUICK),--quick)
+	$(BRIDGE) experiments --model target/experiments/pick.model.ron --force $(if $(QUICK),--quick)
 
 $(DENY):
 	@echo '== setting up cargo-deny'

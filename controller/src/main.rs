@@ -1,7 +1,6 @@
 //! The command line of the controller.
 
 use std::fmt::Display;
-use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -11,6 +10,8 @@ use tprmp_controller::commands::run::Run;
 use tprmp_controller::commands::soak::Soak;
 use tprmp_controller::commands::{check, clean, top};
 use tprmp_controller::timing::allocation::CountingAllocator;
+use tprmp_files::standard::exit_code;
+use tprmp_files::{errln, outln};
 use tprmp_messages::LAYOUT;
 
 #[global_allocator]
@@ -19,8 +20,8 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 /// Runs a learned skill on a robot, in a hard loop over shared memory.
 ///
 /// Start a state publisher on the same instance (`sim-bridge run`, `planar-sim run`, the driver of
-/// a real robot), then `controller run`. Stop it with Ctrl-C: the arm ramps down to rest; a second
-/// Ctrl-C leaves at once.
+/// a real robot), then `controller run`. Stop it with Ctrl-C: the arm ramps down to rest; another
+/// Ctrl-C, half a second later or more, leaves at once.
 #[derive(Debug, Parser)]
 #[command(version, name = "controller")]
 struct Arguments {
@@ -77,17 +78,17 @@ fn main() -> ExitCode {
         Command::Soak(soak) => exit(soak.run()),
         Command::Layout => {
             print_layout();
-            ExitCode::SUCCESS
+            exit_code(true)
         }
     }
 }
 
 fn exit(result: Result<(), impl Display>) -> ExitCode {
     match result {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => exit_code(true),
         Err(error) => {
-            eprintln!("controller: {error}");
-            ExitCode::FAILURE
+            errln!("controller: {error}");
+            exit_code(false)
         }
     }
 }
@@ -101,5 +102,5 @@ fn print_layout() {
             })
         })
         .collect();
-    let _ = writeln!(std::io::stdout(), "{}", serde_json::Value::from(fields));
+    outln!("{}", serde_json::Value::from(fields));
 }

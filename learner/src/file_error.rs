@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use tprmp_files::{WriteError, name};
+
 /// A file or folder is the problem. Each message names it, and the place in it.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
@@ -14,13 +16,8 @@ pub enum FileError {
         source: std::io::Error,
     },
     /// It cannot be written.
-    #[error("`{path}` cannot be written: {source}")]
-    Write {
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Write(#[from] WriteError),
     /// Its content is not what it should be.
     #[error("`{path}`, {place}: {problem}")]
     Input {
@@ -42,6 +39,11 @@ impl FileError {
     /// A wrong value at a key of a file.
     pub fn key(path: &Path, key: impl std::fmt::Display, problem: impl Into<String>) -> Self {
         Self::Input { path: path.into(), place: format!("key `{key}`"), problem: problem.into() }
+    }
+
+    /// A text at a key of a file that is not fit for a name.
+    pub fn name(path: &Path, key: impl std::fmt::Display, text: &str) -> Result<(), Self> {
+        name::check(text).map_err(|error| Self::key(path, key, error.to_string()))
     }
 
     /// A file that does not parse.

@@ -1,13 +1,13 @@
 //! `learner`: demonstrations in, frozen model out.
 
-use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use clap::{Args, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
-use tprmp_learner::file_error::FileError;
+use tprmp_files::standard::{self, exit_code};
+use tprmp_files::{Existing, errln, outln, try_out, write};
 use tprmp_learner::import::{Interpolation, Selection, import};
 use tprmp_learner::mixture::components::Components;
 use tprmp_learner::{plot, record, report, train};
@@ -126,6 +126,9 @@ struct ImportOptions {
     /// Take the frames with which the thesis learned a demonstration, where its file has them
     #[arg(long)]
     reference_frames: bool,
+    /// Replace demonstrations of the same names in the folder
+    #[arg(long)]
+    force: bool,
 }
 
 /// What `--components` says.
@@ -152,11 +155,10 @@ fn range(text: &str) -> Result<(usize, usize), String> {
 
 fn main() -> ExitCode {
     match run(Arguments::parse().command) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => exit_code(true),
         Err(error) => {
-            // Where nobody reads it, the exit code says so.
-            let _ = writeln!(std::io::stderr(), "learner: {error}");
-            ExitCode::FAILURE
+            errln!("learner: {error}");
+            exit_code(false)
         }
     }
 }
@@ -178,20 +180,17 @@ enum CommandError {
         /// What failed.
         failures: Vec<String>,
     },
-    /// A report cannot be written.
-    #[error("standard output cannot be written: {0}")]
-    Output(std::io::Error),
 }
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 
 fn run(command: Command) -> Outcome {
     match command {
-        Command::Train(options) => train(options),
-        Command::Record(options) => Ok(record::record(&options)?),
-        Command::Inspect { model } => Ok(print(&report::inspected(&skill_model::read(&model)?))?),
+        Command::Train(options) => train(options)?,
+        Command::Record(options) => record::record(&options)?,
+        Command::Inspect { model } => print(&report::inspected(&skill_model::read(&model)?)),
         Command::Plot { model, demonstrations, out } => {
-            print_written(&plot::plot(&model, &demonstrations, &out)?)
+            print_written(&plot::plot(&model, &demonstrations, &out)?);
         }
         Command::Import(options) => {
             let selection = Selection {
@@ -204,12 +203,20 @@ fn run(command: Command) -> Outcome {
                 recorded_at_s: options.recorded_at_s,
                 reference_frames: options.reference_frames,
             };
-            print_written(&import(&options.foreign, &options.out, &selection)?)
+            let existing = Existing::unless(options.force);
+            print_written(&import(&options.foreign, &options.out, &selection, existing)?);
         }
     }
+    Ok(())
+}
+
+fn print(text: &str) {
+    standard::out(format_args!("{text}"));
 }
 
 fn train(options: TrainOptions) -> Outcome {
+    // Before the work: a model that cannot be written would be lost.
+    try_out(&options.out, Existing::Replace)?;
     let (least, most) = options.components_range;
     let components = match options.components {
         None => Components::SkillFile,
@@ -220,36 +227,24 @@ fn train(options: TrainOptions) -> Outcome {
     let show = &mut |done: &str| progress.show(done);
     let trained = train::train(&options.skill, components, options.seed, show)?;
     progress.finish();
-    print(&report::trained(&trained))?;
+    print(&report::trained(&trained));
     let failures = &trained.model.certificate.failures;
     if !(failures.is_empty() || options.allow_uncertified) {
         return Err(CommandError::Uncertified { failures: failures.clone() }.into());
     }
     skill_model::write(&trained.model, &options.out)?;
-    print_written(std::slice::from_ref(&options.out))?;
+    print_written(std::slice::from_ref(&options.out));
     if let Some(choice) = &trained.choice {
         let path = options.out.with_extension("bic.svg");
-        std::fs::write(&path, plot::choice(choice))
-            .map_err(|source| FileError::Write { path: path.clone(), source })?;
-        print_written(&[path])?;
+        write(&path, plot::choice(choice), Existing::Replace)?;
+        print_written(&[path]);
     }
     Ok(())
 }
 
-fn print_written(paths: &[PathBuf]) -> Outcome {
+fn print_written(paths: &[PathBuf]) {
     for path in paths {
-        print(&format!("wrote      {}\n", path.display()))?;
-    }
-    Ok(())
-}
-
-/// Writes to standard output. A reader that has gone away, as in `learner inspect … | head`, is no
-/// reason to fail.
-fn print(text: &str) -> Result<(), CommandError> {
-    let mut out = std::io::stdout();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(CommandError::Output(error)),
-        _ => Ok(()),
+        outln!("wrote      {}", path.display());
     }
 }
 

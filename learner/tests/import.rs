@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use folder::Folder;
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
+use tprmp_files::Existing;
 use tprmp_learner::demonstration::{Demonstration, read};
 use tprmp_learner::file_error::FileError;
 use tprmp_learner::import::{Selection, import};
@@ -45,7 +46,7 @@ fn write(folder: &Folder, name: &str, bytes: &[u8]) -> PathBuf {
 }
 
 fn imported(path: &Path, selection: &Selection) -> Result<Vec<PathBuf>, FileError> {
-    import(path, &path.parent().unwrap().join("out"), selection)
+    import(path, &path.parent().unwrap().join("out"), selection, Existing::Replace)
 }
 
 /// What importing these bytes says; it names the file and `expected`.

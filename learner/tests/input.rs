@@ -6,6 +6,7 @@ use std::path::Path;
 
 use common::{Folder, arcs, skill, skill_file, skill_text};
 use proptest::prelude::*;
+use tprmp_files::Existing;
 use tprmp_learner::demonstration::{self, read, read_folder, to_text};
 use tprmp_learner::import::{Selection, import};
 use tprmp_learner::skill::Skill;
@@ -287,7 +288,8 @@ fn planar_foreign_files_are_imported_with_their_frames() {
     let folder = Folder::new("foreign-planar");
     let foreign = folder.write("C.json", &foreign_planar());
     let selection = Selection { skill: Some("arc".into()), ..Selection::default() };
-    let written = import(&foreign, &folder.path().join("out/deep"), &selection).unwrap();
+    let written =
+        import(&foreign, &folder.path().join("out/deep"), &selection, Existing::Keep).unwrap();
     assert_eq!(written.len(), 1);
     let demonstrated = read(&written[0], "start", "end").unwrap();
     assert_eq!((demonstrated.skill.as_str(), demonstrated.manifold), ("arc", Manifold::R2));
@@ -308,7 +310,8 @@ fn reference_frames_are_taken_where_they_are_asked_for() {
     let out = folder.path().join("out");
     let start = |reference_frames: bool| {
         let selection = Selection { reference_frames, ..Selection::default() };
-        let written = import(&foreign, &out, &selection).map_err(|e| e.to_string())?;
+        let written =
+            import(&foreign, &out, &selection, Existing::Keep).map_err(|e| e.to_string())?;
         let demonstrated = read(&written[0], "start", "end").unwrap();
         std::fs::remove_dir_all(&out).unwrap();
         Ok::<_, String>(demonstrated.start.position.to_array())
@@ -348,10 +351,11 @@ fn poses_are_imported_by_their_tag() {
     let out = folder.path().join("out");
     let tagged =
         |tag: Option<&str>| Selection { tag: tag.map(String::from), ..Selection::default() };
-    let message = |tag| import(&foreign, &out, &tagged(tag)).unwrap_err().to_string();
+    let message =
+        |tag| import(&foreign, &out, &tagged(tag), Existing::Keep).unwrap_err().to_string();
     assert!(message(None).contains("`side`, `top`"));
     assert!(message(Some("bottom")).contains("bottom"));
-    let written = import(&foreign, &out, &tagged(Some("top"))).unwrap();
+    let written = import(&foreign, &out, &tagged(Some("top")), Existing::Keep).unwrap();
     assert_eq!(written.len(), 2);
     let demonstrated = read(&written[1], "ee_start", "object").unwrap();
     assert_eq!((demonstrated.skill.as_str(), demonstrated.sampling_time_s), ("grasp", 0.005));
@@ -366,7 +370,9 @@ fn wrong_foreign_files_are_refused_by_key() {
     let folder = Folder::new("foreign-wrong");
     let say = |text: String| {
         let foreign = folder.write("C.json", &text);
-        import(&foreign, &folder.path().join("out"), &Selection::default()).unwrap_err().to_string()
+        import(&foreign, &folder.path().join("out"), &Selection::default(), Existing::Keep)
+            .unwrap_err()
+            .to_string()
     };
     let good = foreign_planar();
     let sheared = say(good.replace("[[0.0, -1.0], [1.0, 0.0]]", "[[1.0, 0.5], [0.0, 1.0]]"));

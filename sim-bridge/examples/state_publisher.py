@@ -19,7 +19,7 @@ for frame, name, position in zip(frames.frames, ("start", "end"), ((0, 0, 0), (2
 # 20 m/s and 60 m/s² are what this robot can do; it brakes with 30 m/s².
 guard = CommandGuard(2, Bounds(joints=JointBounds([20.0] * 2, [60.0] * 2, [30.0] * 2)))
 command = JointCommand()
-with StatePublisherPorts(Instance(instance)) as ports, StopSignal() as stop:
+with StopSignal() as stop, StatePublisherPorts(Instance(instance)) as ports:
     while not stop.requested:
         new = command if ports.receive_command(command) else None
         now_ns = time.monotonic_ns()

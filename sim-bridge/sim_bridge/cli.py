@@ -7,12 +7,14 @@ pybullet nor iceoryx2.
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from dataclasses import fields
 from pathlib import Path
 from typing import TypeVar
 
 from sim_bridge.errors import BridgeError
+from sim_bridge.files import StandardStreams, printable
 
 PYTHON_MIN = (3, 9)
 PYTHON_END = (3, 12)
@@ -39,11 +41,22 @@ def main(arguments: list[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 2
+    if arguments is not None:
+        return _execute(arguments)
+    # As a program of its own: whoever reads it may go away, and every end is an orderly one.
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)
+    with StandardStreams() as streams:
+        code = _execute(arguments)
+        return 2 if code == 0 and streams.lost else code
+
+
+def _execute(arguments: list[str] | None) -> int:
     parsed = _parser().parse_args(arguments)
     try:
         return parsed.action(parsed)
     except BridgeError as error:
-        print(f"sim-bridge: {error}", file=sys.stderr)
+        print(f"sim-bridge: {printable(str(error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130
@@ -107,6 +120,7 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
         metavar="FILE",
         help="with --lockstep: writes the raw bytes of all commands, one after the other",
     )
+    _add_force(parser, "another run's files")
 
 
 def _run(parsed: argparse.Namespace) -> int:
@@ -133,6 +147,7 @@ def _add_record(commands: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("--count", type=int, help="how many (default: the scene's)")
     parser.add_argument("--seed", type=int, help="draws the box poses (default: the scene's)")
+    _add_force(parser, "demonstrations of the same names in the folder")
 
 
 def _record(parsed: argparse.Namespace) -> int:
@@ -143,7 +158,7 @@ def _record(parsed: argparse.Namespace) -> int:
     count = scene.record.count if parsed.count is None else parsed.count
     _check_whole("--count", count, 1)
     seed = scene.record.seed if parsed.seed is None else parsed.seed
-    record(scene, parsed.out or scene.task.demonstrations, count, seed)
+    record(scene, parsed.out or scene.task.demonstrations, count, seed, force=parsed.force)
     return 0
 
 
@@ -245,6 +260,7 @@ def _add_experiments(commands: argparse._SubParsersAction) -> None:
         parser.add_argument(
             option, type=Path, default=Path(default), help=f"{what} (default: %(default)s)"
         )
+    _add_force(parser, "another run's files in the folder")
     parser.add_argument("--quick", action="store_true", help="a short look")
     parser.add_argument(
         "--seed", type=int, default=0, help="first seed of each experiment (default: %(default)s)"
@@ -277,6 +293,10 @@ def _add_scene(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_force(parser: argparse.ArgumentParser, what: str) -> None:
+    parser.add_argument("--force", action="store_true", help=f"replace {what}")
+
+
 def _check_whole(option: str, value: int, least: int) -> None:
     if value < least:
         raise BridgeError(f"{option}: expected a whole number of {least} or more, found {value}")
@@ -284,4 +304,5 @@ def _check_whole(option: str, value: int, least: int) -> None:
 
 def _options(kind: type[_Options], parsed: argparse.Namespace) -> _Options:
     """What the command line says, for the fields of `kind`."""
-    return kind(**{item.name: getattr(parsed, item.name) for item in fields(kind)})
+    given = vars(parsed)
+    return kind(**{item.name: given[item.name] for item in fields(kind) if item.name in given})

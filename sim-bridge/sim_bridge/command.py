@@ -47,7 +47,7 @@ def command(options: Options) -> int:
     """
     options.check()
     instance = Instance(options.instance)
-    with ToolCommandPorts(instance) as ports, StopSignal() as stop:
+    with StopSignal() as stop, ToolCommandPorts(instance) as ports:
         message, state = ToolCommand(), RobotState()
         message.linear_velocity[:] = options.linear_m_s
         message.angular_velocity[:] = options.angular_rad_s

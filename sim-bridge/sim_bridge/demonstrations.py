@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sim_bridge import files
 from sim_bridge.errors import BridgeError
 from sim_bridge.poses import (
     Array,
@@ -17,7 +18,7 @@ from sim_bridge.poses import (
     rotation_from_vector,
     vector_from_rotation,
 )
-from sim_bridge.settings import read_json
+from sim_bridge.settings import read_json, refused
 
 SCHEMA = "tprmp-demonstration/1"
 COLUMNS = ["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
@@ -46,7 +47,7 @@ def continuous_quaternions(quaternions: Array) -> Array:
     return quaternions * np.concatenate([[1.0], np.cumprod(signs)])[:, None]
 
 
-def write_demonstration(file: Path, demonstration: Demonstration) -> None:
+def write_demonstration(file: Path, demonstration: Demonstration, *, force: bool = False) -> None:
     """Writes a demonstration with six decimals, one sample a line."""
     frames = {
         name: {
@@ -66,7 +67,7 @@ def write_demonstration(file: Path, demonstration: Demonstration) -> None:
     lines = [f' "{key}": {json.dumps(value)},' for key, value in head.items()]
     rows = [json.dumps([_rounded(v) for v in row]) for row in demonstration.samples]
     body = "{\n" + "\n".join(lines) + '\n "samples": [\n  ' + ",\n  ".join(rows) + "\n ]\n}\n"
-    file.write_text(body, encoding="utf-8")
+    files.write(file, body, force=force)
 
 
 def _rounded(value: float) -> float:
@@ -83,6 +84,10 @@ def read_demonstration(file: Path) -> Demonstration:
                 f'{file}: expected schema "{SCHEMA}" and columns {COLUMNS}, found '
                 f'"{values["schema"]}" and {values["columns"]}'
             )
+        for key, names in (("skill", [values["skill"]]), ("frames", values["frames"])):
+            for name in names:
+                if not files.is_name(name):
+                    raise refused(file, key, files.NAME, name)
         frames = {
             name: pose_from_wire(frame["position_m"], frame["quaternion_wxyz"])
             for name, frame in values["frames"].items()
@@ -101,11 +106,11 @@ def demonstrated_grasp(folder: Path, goal_frame: str) -> Array:
     The mean rotation is the Karcher mean: three steps from the first one, which suffice for
     rotations as near to each other as grasps of one kind are.
     """
-    files = sorted(folder.glob("*.json"))
-    if not files:
+    recorded = sorted(folder.glob("*.json"))
+    if not recorded:
         raise BridgeError(f"{folder}: expected demonstrations (*.json): run `sim-bridge record`")
     grasps = []
-    for file in files:
+    for file in recorded:
         demonstration = read_demonstration(file)
         if goal_frame not in demonstration.frames:
             raise BridgeError(f"{file}: `frames.{goal_frame}` is missing")

@@ -1,198 +1,190 @@
-"""Where an instance's files lie, whose they are, and the reservation of what they take.
+"""Files written whole, names that come out of files, and what is printed for whoever reads it.
 
-As in the Rust package `tprmp-messages`, which says why.
+The Rust programs have the same in `controller/files`.
 """
 
 from __future__ import annotations
 
-import fcntl
+import io
 import os
 import stat
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+import sys
+import tempfile
+import unicodedata
 from pathlib import Path
 
 from sim_bridge.errors import BridgeError
 
-SHARED_MEMORY = Path("/dev/shm")
-SHARED_MEMORY_MIN_BYTES = 4 << 20
-"""Least free shared memory needed to open an instance."""
+NAME_BYTES_MAX = 100
+NAME = (
+    f"a name of 1 to {NAME_BYTES_MAX} bytes without `/`, `\\`, control characters, a dot or minus "
+    "sign first or white space at its ends"
+)
+"""What `is_name` expects."""
 
-_FILES_MIN = 64
-"""Least number of files that can still be created in it."""
-
-_UNFINISHED = 0o200
-"""Permissions of a file until iceoryx2 has initialised it."""
-
-_LOCK_PAUSE_S = 0.005
-_LOCK_TRIES_MAX = 2000
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+}
 
 
-class Files:
-    """The files of one instance."""
+def write(file: Path, content: str | bytes, *, force: bool) -> None:
+    """Writes a file: it is there whole afterwards, or what was there before is.
 
-    def __init__(self, name: str) -> None:
-        self.user = os.getuid()
-        self.prefix = f"tprmp_{self.user}_{name}_"
-        self._user_folder = Path(f"/tmp/tprmp-{self.user}")
-        self.folder = self._user_folder / name
-
-    def shared(self) -> list[Path]:
-        """The files in shared memory."""
-        return sorted(SHARED_MEMORY.glob(f"{self.prefix}*"))
-
-    @contextmanager
-    def claim(self) -> Iterator[None]:
-        """Makes the folders, checks whose everything is, and keeps others out of the block.
-
-        Raises `BridgeError` where a file is not this user's own.
-        """
-        with self._lock():
-            os.close(self._claim_folder(self.folder))
-            for path in self.folder.rglob("*"):
-                self._check(path)
-            for path in self.shared():
-                mode = self._check(path)
-                # Whoever is killed while creating one leaves it so, and iceoryx2 would wait for it.
-                if mode == _UNFINISHED and path.suffix in (".global_mgmt", ".dynamic"):
-                    path.unlink(missing_ok=True)
-            yield
-
-    def reserve(self) -> None:
-        """Takes all that the files need, so that none of their pages is missing later.
-
-        Raises `BridgeError` when they do not fit.
-        """
-        for path in self.shared():
-            try:
-                file = os.open(path, os.O_RDWR)
-            except FileNotFoundError:
-                # A connection whose other side has gone.
-                continue
-            try:
-                size = os.fstat(file).st_size
-                if size:
-                    os.posix_fallocate(file, 0, size)
-            except OSError as error:
-                raise BridgeError(f"{path} cannot be reserved: {error}; {_remedy()}") from error
-            finally:
-                os.close(file)
-
-    def remove_leftovers(self) -> None:
-        """Removes what iceoryx2 leaves of an instance without nodes.
-
-        That is a counter of 16 bytes in shared memory, and empty folders. A folder that is in
-        use is not empty, and stays.
-        """
+    Only files are replaced, and only with `force`; of a symbolic link it is the target. Raises
+    `BridgeError` with the reason.
+    """
+    check(file, force=force)
+    target = Path(os.path.realpath(file))
+    data = content.encode() if isinstance(content, str) else content
+    try:
+        descriptor, draft = tempfile.mkstemp(".partial", f".{target.name[:50]}.", target.parent)
         try:
-            with self._lock():
-                self._remove_leftovers()
-        except BridgeError:
-            # Without the lock it all stays, for `controller clean`.
-            return
-
-    def _remove_leftovers(self) -> None:
-        nodes = self.folder / "nodes"
-        if nodes.is_dir() and any(nodes.iterdir()):
-            return
-        for file in SHARED_MEMORY.glob(f"{self.prefix}*.global_mgmt"):
-            if file.lstat().st_uid == self.user:
-                file.unlink(missing_ok=True)
-        for folder in (nodes, self.folder / "services", self.folder):
-            try:
-                folder.rmdir()
-            except OSError:
-                # In use, or gone already.
-                continue
-
-    @contextmanager
-    def _lock(self) -> Iterator[None]:
-        """Held while an instance is opened, closed or cleaned: one at a time of each user."""
-        file = self._claim_folder(self._user_folder)
-        try:
-            for _ in range(_LOCK_TRIES_MAX):
-                try:
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    break
-                except BlockingIOError:
-                    time.sleep(_LOCK_PAUSE_S)
+            with os.fdopen(descriptor, "wb") as opened:
+                opened.write(data)
+                opened.flush()
+                os.fchmod(descriptor, _mode(target))
+                os.fsync(descriptor)
+            if force:
+                os.replace(draft, target)
             else:
-                raise BridgeError(
-                    f"`{self._user_folder}` is locked by another process of this user, which does "
-                    f"not let go: see which by `fuser {self._user_folder}`"
-                )
-            yield
+                # Unlike a renaming it fails when a file has come in the meantime.
+                os.link(draft, target)
         finally:
-            os.close(file)
-
-    def _claim_folder(self, path: Path) -> int:
-        """Makes a folder of this user's own, or checks that it is one; opened."""
+            Path(draft).unlink(missing_ok=True)
+        folder = os.open(target.parent, os.O_RDONLY | os.O_DIRECTORY)
         try:
-            path.mkdir(mode=0o700, exist_ok=True)
-        except FileExistsError:
-            # A file, or a link to nothing: looked at below.
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except FileExistsError as error:
+        raise _exists(file) from error
+    except OSError as error:
+        raise _refused(file, error) from error
+
+
+def check(file: Path, *, force: bool) -> None:
+    """Raises `BridgeError` when `write` would not write this file, as far as can be known."""
+    try:
+        mode = file.stat().st_mode
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise _refused(file, error) from error
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), "a device")
+        raise BridgeError(
+            f"{file}: cannot be written: it is {kind}; name a file that is there, or a new one"
+        )
+    if not force:
+        raise _exists(file)
+
+
+def make_folder(folder: Path) -> None:
+    """Makes a folder where it is missing; raises `BridgeError` when it cannot be written to."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise _refused(folder, error) from error
+
+
+def _mode(target: Path) -> int:
+    """Permissions of a file that is there, or of a new one."""
+    try:
+        return stat.S_IMODE(target.stat().st_mode)
+    except FileNotFoundError:
+        umask = os.umask(0)
+        os.umask(umask)
+        return 0o666 & ~umask
+
+
+def _exists(file: Path) -> BridgeError:
+    return BridgeError(
+        f"{file}: is there already and stays as it is: name another place, or give --force to "
+        "replace it"
+    )
+
+
+def _refused(file: Path, error: OSError) -> BridgeError:
+    return BridgeError(f"{file}: cannot be written: {error.strerror}")
+
+
+def is_name(text: object) -> bool:
+    """Whether it is fit for a file name, a line on a terminal and a page."""
+    return (
+        isinstance(text, str)
+        and 1 <= len(text.encode(errors="surrogatepass")) <= NAME_BYTES_MAX
+        and text[0] not in ".-"
+        and text.strip() == text
+        and not any(c in "/\\" or _is_control(c) for c in text)
+    )
+
+
+def printable(text: str) -> str:
+    """The text with its control characters escaped, so that it moves no cursor; line ends stay."""
+    return "".join(
+        c.encode("unicode_escape").decode() if _is_control(c) and c != "\n" else c for c in text
+    )
+
+
+def _is_control(c: str) -> bool:
+    # Controls, formats such as the direction of writing, halves of pairs, and separators.
+    return unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp")
+
+
+class _Stream(io.FileIO):
+    """A standard stream, whether somebody reads it or not.
+
+    A reader that has gone away, as in `sim-bridge … | head`, is no reason to fail; what else goes
+    wrong is reported when it first happens, and kept.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__(descriptor, "w", closefd=False)
+        self.failed = False
+
+    def write(self, data: bytes) -> int:
+        try:
+            return super().write(data)
+        except BrokenPipeError:
             pass
         except OSError as error:
-            raise BridgeError(f"{error}; check that /tmp is writable by this user") from error
-        self._check(path)
-        try:
-            return os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-        except OSError as error:
-            raise BridgeError(
-                f"`{path}` is a link or a file in place of a folder: remove it"
-            ) from error
+            if not self.failed and self.fileno() != 2:
+                print(
+                    f"sim-bridge: standard output cannot be written: {error.strerror}",
+                    file=sys.stderr,
+                )
+            self.failed = True
+        return len(data)
 
-    def _check(self, path: Path) -> int:
-        """Permissions of a file that is this user's and nobody else can write; 0 of none."""
-        try:
-            about = path.lstat()
-        except FileNotFoundError:
-            return 0
-        if about.st_uid != self.user:
-            raise BridgeError(
-                f"`{path}` belongs to user {about.st_uid}, not to user {self.user} who runs this: "
-                "let its owner or root remove it, or use another instance"
+
+class StandardStreams:
+    """Standard output and standard error for as long as the `with` block lasts."""
+
+    def __enter__(self) -> StandardStreams:
+        self._before = sys.stdout, sys.stderr
+        self._streams = _Stream(1), _Stream(2)
+        sys.stdout, sys.stderr = (
+            io.TextIOWrapper(
+                io.BufferedWriter(stream),
+                encoding=before.encoding,
+                errors="backslashreplace",
+                line_buffering=stream.isatty() or stream.fileno() == 2,
             )
-        mode = about.st_mode & 0o777
-        if mode & 0o022 and not stat.S_ISLNK(about.st_mode):
-            raise BridgeError(
-                f"`{path}` can be written by others (mode {mode:03o}): see what lies there, then "
-                f"`chmod -R go-w {path}` or remove it"
-            )
-        return mode
-
-
-def check_memory() -> None:
-    """Raises `BridgeError` where shared memory is missing, full or not writable."""
-    try:
-        system = os.statvfs(SHARED_MEMORY)
-    except OSError as error:
-        raise BridgeError(
-            f"{SHARED_MEMORY} is missing ({error}): "
-            f"`mount -t tmpfs -o mode=1777 tmpfs {SHARED_MEMORY}`"
-        ) from error
-    if not os.access(SHARED_MEMORY, os.W_OK | os.X_OK):
-        raise BridgeError(
-            f"{SHARED_MEMORY} is not writable by this user: "
-            f"`mount -o remount,rw,mode=1777 {SHARED_MEMORY}`"
+            for stream, before in zip(self._streams, self._before)
         )
-    # A tmpfs without a limit counts nothing.
-    if system.f_files and system.f_ffree < _FILES_MIN:
-        raise BridgeError(
-            f"{SHARED_MEMORY} has room for {system.f_ffree} files, at least {_FILES_MIN} are "
-            f"needed: remove some, or `mount -o remount,nr_inodes=1k {SHARED_MEMORY}`"
-        )
-    free = system.f_bavail * system.f_frsize
-    if system.f_blocks and free < SHARED_MEMORY_MIN_BYTES:
-        raise BridgeError(
-            f"{SHARED_MEMORY} has {free} bytes free, at least {SHARED_MEMORY_MIN_BYTES} are "
-            f"needed: {_remedy()}"
-        )
+        return self
 
+    def __exit__(self, *_: object) -> None:
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        sys.stdout, sys.stderr = self._before
 
-def _remedy() -> str:
-    return (
-        "remove what fills it (`controller clean` removes what killed processes left), or "
-        f"`mount -o remount,size=64M {SHARED_MEMORY}`"
-    )
+    @property
+    def lost(self) -> bool:
+        """Whether something else than a missing reader kept a text from standard output."""
+        sys.stdout.flush()
+        return self._streams[0].failed

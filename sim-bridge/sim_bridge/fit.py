@@ -14,6 +14,7 @@ from pathlib import Path
 
 from sim_bridge import settings
 from sim_bridge.errors import BridgeError
+from sim_bridge.files import make_folder, write
 
 SCHEMA = "tprmp-fitting/1"
 LIMITS = ("velocity_rad_s", "effort_n_m")
@@ -62,7 +63,12 @@ def fit(file: Path, out: Path) -> None:
     fitting = settings.section(Fitting, file, "", settings.read_json(file))
     import pybullet_data
 
-    package = Path(pybullet_data.getDataPath()) / fitting.package_urdf
+    data = Path(pybullet_data.getDataPath()).resolve()
+    package = (data / fitting.package_urdf).resolve()
+    if data not in package.parents:
+        raise settings.refused(
+            file, "package_urdf", "a path inside pybullet's data package", fitting.package_urdf
+        )
     robot = _tree(package, file, "package_urdf")
     tool = _tree(fitting.tool_urdf, file, "tool_urdf")
     _take_off(robot, file, fitting.without_links)
@@ -76,8 +82,10 @@ def fit(file: Path, out: Path) -> None:
         mesh.set("filename", str((package.parent / path).resolve()))
     _set_limits(robot, file, fitting.joint_limits)
     _put_on(robot, tool, file, fitting)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    ElementTree.ElementTree(robot).write(out, encoding="utf-8", xml_declaration=True)
+    make_folder(out.parent)
+    text = ElementTree.tostring(robot, encoding="utf-8", xml_declaration=True)
+    # The one file that was named is written anew.
+    write(out, text, force=True)
 
 
 def _tree(urdf: Path, file: Path, key: str) -> ElementTree.Element:

@@ -27,12 +27,13 @@ during the step that began then; N rows, J joints, everything in the base frame 
 
 `bridge.json`: `schema` ("tprmp-bridge/1"), `scene` (file), `seed`, `instance`, `mode` ("real
 time" or "lockstep"), `physics_rate_hz`, `outcome` ("lifted", "timeout", "stopped",
-"controller lost"), `episode` (what the seed drew), `timing`, `command_faults` (how many commands
-had each fault, see `guard`) and `result` (see `evaluate`).
+"controller stopped", "controller lost", "failed"), `episode` (what the seed drew), `timing`,
+`command_faults` (how many commands had each fault, see `guard`) and `result` (see `evaluate`).
 """
 
 from __future__ import annotations
 
+import io
 import json
 import zipfile
 import zlib
@@ -40,6 +41,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sim_bridge import files
 from sim_bridge.demonstrations import continuous_quaternions
 from sim_bridge.errors import BridgeError
 from sim_bridge.kinematics import Chain, forward
@@ -100,12 +102,21 @@ class LogWriter:
         return log
 
 
-def save(folder: Path, log: Log, bridge: dict[str, object]) -> None:
+def check_folder(folder: Path, *, force: bool) -> None:
+    """Makes the folder; raises `BridgeError` when `save` would not write into it."""
+    files.make_folder(folder)
+    for name in (LOG_FILE, BRIDGE_FILE):
+        files.check(folder / name, force=force)
+
+
+def save(folder: Path, log: Log, bridge: dict[str, object], *, force: bool) -> None:
     """Writes both files into `folder`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(folder / LOG_FILE, **log)
+    check_folder(folder, force=force)
+    archive = io.BytesIO()
+    np.savez_compressed(archive, **log)
+    files.write(folder / LOG_FILE, archive.getvalue(), force=force)
     text = json.dumps({"schema": SCHEMA, **bridge}, indent=1)
-    (folder / BRIDGE_FILE).write_text(text + "\n", encoding="utf-8")
+    files.write(folder / BRIDGE_FILE, text + "\n", force=force)
 
 
 def load(folder: Path) -> tuple[Log, dict[str, object]]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from sim_bridge.demonstrations import Demonstration, continuous_quaternions, write_demonstration
 from sim_bridge.errors import BridgeError
+from sim_bridge.files import check, make_folder
 from sim_bridge.kinematics import forward, inverse_kinematics
 from sim_bridge.messages import GripperState
 from sim_bridge.poses import (
@@ -250,16 +251,21 @@ def _lift(expert: _Expert, height_m: float) -> float:
     return float(world.object_motion()[0][2] - before)
 
 
-def record(scene: Scene, out: Path, count: int, seed: int) -> None:
-    """Writes `count` demonstrations to `out` and prints a table of them."""
-    out.mkdir(parents=True, exist_ok=True)
+def record(scene: Scene, out: Path, count: int, seed: int, *, force: bool) -> None:
+    """Writes `count` demonstrations to `out` and prints a table of them.
+
+    Raises `BridgeError` before the first one when one of them may not be written.
+    """
+    make_folder(out)
+    for number in range(count):
+        check(out / f"{number + 1:02}.json", force=force)
     print("file     box x, y [m]     yaw [deg]  samples  time [s]  path [m]  top speed [m/s]"
           "  cup pressed [mm]  lifted [m]")  # fmt: skip
     for number in range(count):
         recording = record_one(scene, number, count, seed)
         demonstration = recording.demonstration
         file = out / f"{number + 1:02}.json"
-        write_demonstration(file, demonstration)
+        write_demonstration(file, demonstration, force=force)
         x_bo = demonstration.frames[scene.task.goal_frame]
         yaw = math.degrees(math.atan2(x_bo[1, 0], x_bo[0, 0]))
         print(

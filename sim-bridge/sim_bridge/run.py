@@ -28,8 +28,9 @@ import numpy as np
 from sim_bridge.demonstrations import demonstrated_grasp
 from sim_bridge.errors import BridgeError
 from sim_bridge.evaluate import evaluate
+from sim_bridge.files import check, write
 from sim_bridge.guard import CommandGuard, counted
-from sim_bridge.log import LogWriter, save
+from sim_bridge.log import LogWriter, check_folder, save
 from sim_bridge.messages import (
     CommandMode,
     ControllerStatus,
@@ -70,6 +71,8 @@ class Outcome(str, Enum):
     STOPPED = "stopped"
     CONTROLLER_STOPPED = "controller stopped"
     CONTROLLER_LOST = "controller lost"
+    FAILED = "failed"
+    """An error ended it: what was seen until then is in the log."""
 
 
 @dataclass
@@ -98,6 +101,8 @@ class Options:
     priority: int | None
     """`None`: real-time scheduling if this user may, without it otherwise; 0: without."""
     record_commands: Path | None
+    force: bool = False
+    """Whether another run's files are replaced."""
 
 
 class Publication:
@@ -413,7 +418,14 @@ def check_start(world: World) -> None:
 
 
 def run(scene: Scene, options: Options) -> int:
-    """Runs one episode, writes its log and prints what came of it; gives the exit code."""
+    """Runs one episode, writes its log and prints what came of it; gives the exit code.
+
+    The log is written on every end that can be handled, an error's too.
+    """
+    # Before anything moves: a run that cannot be written down would be lost.
+    check_folder(options.out, force=options.force)
+    if options.record_commands is not None:
+        check(options.record_commands, force=options.force)
     # What the judgement needs is read first: a missing folder must not cost a whole run.
     grasp = demonstrated_grasp(scene.task.demonstrations, scene.task.goal_frame)
     episode = draw_episode(scene, options.seed)
@@ -436,6 +448,10 @@ def run(scene: Scene, options: Options) -> int:
             gc.disable()
             try:
                 outcome = (this.lockstep if options.lockstep else this.real_time)(ports, stop)
+            except BaseException:
+                if this.log.rows > 0:
+                    _finish(this, Outcome.FAILED, grasp)
+                raise
             finally:
                 gc.enable()
                 gc.unfreeze()
@@ -500,9 +516,9 @@ def _finish(this: Run, outcome: Outcome, grasp: Array) -> int:
         "command_faults": {cause.value: count for cause, count in this.guard.counts.items()},
         "result": result,
     }
-    save(options.out, log, bridge)
+    save(options.out, log, bridge, force=options.force)
     if options.record_commands is not None:
-        options.record_commands.write_bytes(this.recorded)
+        write(options.record_commands, bytes(this.recorded), force=options.force)
     print_summary(bridge)
     if this.guard.last_fault is not None:
         print(f"last fault of a command: {this.guard.last_fault}")

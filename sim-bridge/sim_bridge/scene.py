@@ -13,6 +13,7 @@ from typing import get_type_hints
 
 from sim_bridge import settings
 from sim_bridge.errors import BridgeError
+from sim_bridge.files import NAME_BYTES_MAX
 from sim_bridge.settings import Range
 
 SCHEMA = "tprmp-scene/1"
@@ -97,7 +98,7 @@ class SuctionSettings:
 class TaskSettings:
     """What the task is, and when it is done."""
 
-    skill: str = settings.text()
+    skill: str = settings.name(NAME_BYTES_MAX)
     demonstrations: Path = settings.path()
     start_frame: str = settings.name()
     goal_frame: str = settings.name()

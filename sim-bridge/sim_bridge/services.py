@@ -6,6 +6,7 @@ import ctypes
 import os
 import re
 import signal
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 import iceoryx2
 
 from sim_bridge.errors import BridgeError
-from sim_bridge.files import Files, check_memory
+from sim_bridge.instance_files import Files, check_memory
 from sim_bridge.messages import (
     ControllerStatus,
     JointCommand,
@@ -221,20 +222,35 @@ def _receive(subscriber: iceoryx2.Subscriber, into: ctypes.Structure) -> bool:
     return True
 
 
+SIGNALS_TOGETHER_S = 0.5
+"""Signals within this time are one: launchers and supervisors send theirs to a process and to its
+group."""
+
+
 class StopSignal:
-    """SIGINT and SIGTERM ask for a clean stop; a second one ends the process at once."""
+    """SIGINT, SIGTERM and SIGHUP ask for a clean stop.
+
+    Another one that comes half a second after the first, or later, ends the process at once.
+    """
 
     def __init__(self) -> None:
-        self.requested = False
+        self._first_s: float | None = None
         self._before: dict[int, object] = {}
 
+    @property
+    def requested(self) -> bool:
+        """Whether a signal has come."""
+        return self._first_s is not None
+
     def _handle(self, number: int, _frame: FrameType | None) -> None:
-        if self.requested:
+        now_s = time.monotonic()
+        if self._first_s is None:
+            self._first_s = now_s
+        elif now_s - self._first_s >= SIGNALS_TOGETHER_S:
             os._exit(128 + number)
-        self.requested = True
 
     def __enter__(self) -> StopSignal:
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             self._before[number] = signal.signal(number, self._handle)
         return self
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TypeVar
 
+from sim_bridge import files
 from sim_bridge.errors import BridgeError
 from sim_bridge.messages import NAME_CAPACITY
 
@@ -117,13 +118,13 @@ def text() -> object:
     return key("a text that is not empty", lambda value: isinstance(value, str) and value, str)
 
 
-def name() -> object:
-    """A name that a message carries."""
+def name(bytes_max: int = NAME_CAPACITY) -> object:
+    """A name; by default one that a message carries."""
 
     def accepts(value: object) -> bool:
-        return isinstance(value, str) and 0 < len(value.encode()) <= NAME_CAPACITY
+        return files.is_name(value) and len(value.encode()) <= bytes_max
 
-    return key(f"a name that is not empty, of at most {NAME_CAPACITY} bytes", accepts, str)
+    return key(files.NAME.replace(str(files.NAME_BYTES_MAX), str(bytes_max)), accepts, str)
 
 
 def path() -> object:

@@ -109,7 +109,7 @@ def _bridge(scene):
 def recorded(scene, tmp_path_factory) -> Path:
     """A folder as `run` and the controller leave it; not to be changed."""
     folder = tmp_path_factory.mktemp("recorded")
-    save(folder, _log(scene), _bridge(scene))
+    save(folder, _log(scene), _bridge(scene), force=False)
     (folder / "controller.json").write_text(json.dumps(_controller()))
     return folder
 
@@ -135,7 +135,7 @@ def _spoil(folder, name, value):
     else:
         bridge[name] = value
     bridge.pop("schema")
-    save(folder, log, bridge)
+    save(folder, log, bridge, force=True)
     (folder / "controller.json").write_text(json.dumps(controller))
 
 
@@ -298,6 +298,6 @@ def test_wrong_contents_are_named(folder, name, value, message):
 def test_an_empty_log_is_an_error(folder):
     log, bridge = load(folder)
     bridge.pop("schema")
-    save(folder, {key: column[:0] for key, column in log.items()}, bridge)
+    save(folder, {key: column[:0] for key, column in log.items()}, bridge, force=True)
     with pytest.raises(BridgeError, match="expected at least 2 rows, found 0"):
         load_run(folder)

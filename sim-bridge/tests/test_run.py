@@ -22,7 +22,7 @@ from sim_bridge.messages import (
     RobotState,
     reason_name,
 )
-from sim_bridge.run import Options, Outcome, Run, check_start
+from sim_bridge.run import Options, Outcome, Run, check_start, run
 from sim_bridge.scene import draw_episode
 from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
 from sim_bridge.world import World
@@ -227,13 +227,29 @@ def test_every_seed_starts_clear_of_the_sphere(scene, world):
 
 def test_a_log_survives_the_disk(world, scene, tmp_path):
     log = synthetic_log(world, scene, 400, 0.12)
-    log_files.save(tmp_path, log, {"seed": 3})
+    log_files.save(tmp_path, log, {"seed": 3}, force=False)
     loaded, bridge = log_files.load(tmp_path)
     assert bridge == {"schema": log_files.SCHEMA, "seed": 3}
     assert set(loaded) == set(log)
     assert np.array_equal(loaded["tool_position_m"], log["tool_position_m"])
     with pytest.raises(BridgeError, match=r"expected log\.npz and bridge\.json"):
         log_files.load(tmp_path / "elsewhere")
+
+
+def test_an_error_leaves_the_log_of_what_was_seen(monkeypatch, scene, instance_name, tmp_path):
+    def breaks_off(self, _ports, _stop):
+        self.world.moving = True
+        for _ in range(7):
+            self.publication.fill(1, self.torque_measured)
+            self.step(1, 0.0)
+        raise MemoryError("shared memory is full")
+
+    monkeypatch.setattr(Run, "lockstep", breaks_off)
+    with pytest.raises(MemoryError):
+        run(scene, Options(0, tmp_path, instance_name, True, 10.0, 0, None))
+    log, bridge = log_files.load(tmp_path)
+    assert bridge["outcome"] == "failed"
+    assert len(log["time_s"]) == 7
 
 
 def test_errors_of_the_command_line_are_sentences(tmp_path, capsys):

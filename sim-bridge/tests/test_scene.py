@@ -25,8 +25,8 @@ def load(tmp_path, values):
         ("object", "yaw_rad", [1.0, -1.0], "low <= high"),
         ("sphere", "height_m", [0.1, 0.2], "a low end of at least 0.2177"),
         ("record", "count", 1.5, "a whole number of 1 or more"),
-        ("task", "skill", "", "a text that is not empty"),
-        ("task", "goal_frame", "x" * 25, "at most 24 bytes"),
+        ("task", "skill", "", "a name of 1 to 100 bytes"),
+        ("task", "goal_frame", "x" * 25, "a name of 1 to 24 bytes"),
     ],
 )
 def test_a_bad_value_is_refused_by_file_key_and_expectation(

@@ -28,7 +28,7 @@ fn beside(
 ) -> (Vec<u8>, Output, String) {
     let commands = place.path("commands.bin");
     let output = run(bridge
-        .args(["--instance", &place.instance, "--out", &place.path("")])
+        .args(["--instance", &place.instance, "--out", &place.path(""), "--force"])
         .args(["--lockstep", "--record-commands", &commands]));
     let controller = finish_or_stop(controller);
     assert_eq!(place.leftovers(), Vec::<std::path::PathBuf>::new());

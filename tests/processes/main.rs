@@ -7,6 +7,7 @@ mod common;
 mod examples;
 mod fault_matrix;
 mod faults;
+mod files;
 mod guard;
 mod lockstep;
 mod realtime;

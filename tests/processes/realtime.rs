@@ -182,9 +182,10 @@ fn a_short_soak_holds_and_one_without_a_publisher_does_not() {
     let place = Place::new("soak");
     let model = place.train("planar");
     let config = file("config/controllers/planar.ron");
-    let soak = |minutes: &str, publisher: &[&str]| {
+    let soak = |minutes: &str, force: &[&str], publisher: &[&str]| {
         run(program("controller")
             .args(["soak", &config, "--model", &model, "--minutes", minutes])
+            .args(force)
             .args(["--instance", &place.instance, "--out", &place.path("soak"), "--"])
             .args(publisher))
     };
@@ -203,8 +204,9 @@ fn a_short_soak_holds_and_one_without_a_publisher_does_not() {
         &out,
         "--instance",
         &place.instance,
+        "--force",
     ];
-    let output = soak("0.2", &publisher);
+    let output = soak("0.2", &[], &publisher);
     assert!(output.status.success(), "{}", text(&output));
     let result = json(&place.path("soak/soak.json"));
     assert_eq!(result["allocations"], 0, "{result}");
@@ -212,7 +214,10 @@ fn a_short_soak_holds_and_one_without_a_publisher_does_not() {
     assert!(result["publisher_starts"].as_u64().unwrap() >= 2, "{result}");
     assert!(result["ticks"].as_u64().unwrap() > 1000, "{result}");
 
-    let output = soak("0.01", &["true"]);
+    let output = soak("0.01", &[], &["true"]);
+    assert!(text(&output).contains("soak.json` is there already"), "{}", text(&output));
+    assert_eq!(json(&place.path("soak/soak.json")), result);
+    let output = soak("0.01", &["--force"], &["true"]);
     assert_eq!(output.status.code(), Some(1), "{}", text(&output));
     assert!(text(&output).contains("no tick was in time"), "{}", text(&output));
 }

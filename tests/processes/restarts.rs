@@ -19,7 +19,7 @@ fn bridge(place: &Place, name: &str) -> Child {
     };
     program(name)
         .args(["run", "--scene", &file(scene), "--seed", "1"])
-        .args(["--instance", &place.instance, "--out", &place.path(name)])
+        .args(["--instance", &place.instance, "--out", &place.path(name), "--force"])
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()

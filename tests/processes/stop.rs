@@ -1,11 +1,12 @@
 //! How the controller ends, observed from outside.
 
-use std::time::Duration;
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
 
 use tprmp_messages::{CommandMode, Reason};
 
-use crate::common::{Place, file, finish, text};
-use crate::robot::{signal, start, stop};
+use crate::common::{Place, file, finish, program, text};
+use crate::robot::{signal, start, stop, stop_live};
 
 /// A signal ramps the velocity down to rest in bounded time, then a last command says stop.
 fn stops_on(name: &str) {
@@ -49,16 +50,51 @@ fn a_termination_ramps_down_to_rest() {
 }
 
 #[test]
-fn a_second_signal_leaves_at_once() {
-    let place = Place::new("second-signal");
+fn a_closed_terminal_ramps_down_to_rest() {
+    stops_on("-HUP");
+}
+
+/// `timeout`, launchers and supervisors send a signal to a process and to its group.
+#[test]
+fn two_signals_at_once_are_one() {
+    let place = Place::new("signals-at-once");
     let (mut robot, controller) = start(&place, &["--lockstep"]);
     robot.run_up();
-    // No state follows, so the loop still waits for one when the second signal comes.
-    signal(&controller, "-INT");
-    std::thread::sleep(Duration::from_millis(20));
-    signal(&controller, "-INT");
+    for name in ["-TERM", "-HUP", "-INT"] {
+        signal(&controller, name);
+    }
+    let mut braking = 0;
+    while robot.good().mode != CommandMode::Stop.to_wire() {
+        braking += 1;
+        assert!(braking < 1100, "not at rest after the longest stopping time");
+    }
+    assert!(braking > 5, "a ramp, not a jump: {braking} ticks");
     let output = finish(controller);
-    assert_eq!(output.status.code(), Some(1), "{}", text(&output));
+    assert!(output.status.success(), "{}", text(&output));
+}
+
+/// `top` ends in order by any signal, and leaves nothing in shared memory.
+#[test]
+fn top_leaves_nothing_behind() {
+    for name in ["-INT", "-TERM", "-HUP"] {
+        let place = Place::new(&format!("top{name}"));
+        let (mut robot, controller) = start(&place, &[]);
+        robot.run_up_live();
+        let mut command = program("controller");
+        command.args(["top", "--instance", &place.instance]).stdout(Stdio::piped());
+        let mut top = command.spawn().unwrap();
+        let mut lines = BufReader::new(top.stdout.take().unwrap()).lines();
+        // What it shows comes from the controller, whose point goes on meanwhile.
+        let seen = std::thread::spawn(move || lines.next().unwrap().unwrap());
+        while !seen.is_finished() {
+            robot.live();
+        }
+        assert!(seen.join().unwrap().contains(&place.instance));
+        signal(&top, name);
+        assert!(finish(top).status.success(), "{name}");
+        stop_live(robot, controller);
+        assert_eq!(place.leftovers(), Vec::<std::path::PathBuf>::new(), "{name}");
+    }
 }
 
 #[test]

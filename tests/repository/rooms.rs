@@ -52,6 +52,10 @@ fn crates_depend_on_what_the_table_of_rooms_says() {
     }
 }
 
+const PRINTED: &str =
+    "it panics where nobody reads it, and shows what moves a cursor: `outln!`, `errln!`";
+const WRITTEN: &str = "a file is there whole or not at all: `tprmp_files::write`";
+
 /// What the column "never" says beyond dependencies: a folder, files of it that may, a text that must
 /// not stand there, and why.
 const NEVER: &[(&str, &[&str], &str, &str)] = &[
@@ -63,6 +67,17 @@ const NEVER: &[(&str, &[&str], &str, &str)] = &[
     ("controller/messages/src", &[], "use tprmp_", "messages know no robot, model or policy"),
     ("controller/model/src", &[], "iceoryx2", "files know no shared memory"),
     ("learner/drawing/src", &[], "tprmp_rmpflow", "drawing knows no policy"),
+    ("controller/src", &[], "println!", PRINTED),
+    ("learner/src", &[], "println!", PRINTED),
+    ("learner/experiments/src", &[], "println!", PRINTED),
+    ("sim-bridge/planar/src", &[], "println!", PRINTED),
+    ("controller/src", &[], "fs::write", WRITTEN),
+    ("controller/model/src", &[], "fs::write", WRITTEN),
+    ("learner/src", &["record/folder.rs"], "fs::write", WRITTEN),
+    ("learner/experiments/src", &[], "fs::write", WRITTEN),
+    ("sim-bridge/planar/src", &[], "fs::write", WRITTEN),
+    ("controller/src", &[], "File::create", WRITTEN),
+    ("learner/src", &[], "File::create", WRITTEN),
     ("learner/drawing/src", &[], "tprmp_model", "drawing knows no model"),
 ];
 

@@ -265,6 +265,21 @@ fn numbers_that_are_not_finite_are_named() {
     }
 }
 
+/// Whoever changes a model can make its checksum fit; `learner plot` reads the files it names.
+#[test]
+fn names_of_a_model_are_names() {
+    let folder = Folder::new("names");
+    for bad in ["", "../../secret.json", "/etc/passwd", "a/b", "..", "\u{1b}[2J", "a\nb", "a\0b"] {
+        let (key, problem) =
+            folder.invalid(|m| m.provenance.demonstrations[0].file = bad.to_owned());
+        assert_eq!(key, "provenance.demonstrations[0].file");
+        assert!(problem.contains("expected a name of 1 to 100 bytes"), "{problem}");
+        assert!(!problem.contains(|c: char| c.is_control()), "{problem:?}");
+        assert_eq!(folder.invalid(|m| m.skill = bad.to_owned()).0, "skill");
+        assert_eq!(folder.invalid(|m| m.goal_frame = bad.to_owned()).0, "goal_frame");
+    }
+}
+
 #[test]
 fn metrics_that_are_not_positive_definite_are_named() {
     let folder = Folder::new("definite");
@@ -408,7 +423,7 @@ fn an_invalid_model_is_not_written() {
     assert!(matches!(error, ModelError::Invalid { .. }));
     assert!(!folder.file().exists());
     let nowhere = folder.0.join("missing/skill.model.ron");
-    assert!(matches!(write(&model(), &nowhere).unwrap_err(), ModelError::Write { .. }));
+    assert!(matches!(write(&model(), &nowhere).unwrap_err(), ModelError::Write(_)));
 }
 
 #[test]

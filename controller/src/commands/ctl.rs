@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::{Args, Subcommand};
 use thiserror::Error;
+use tprmp_files::outln;
 use tprmp_messages::{
     ControlRequest, ControlVerb, Instance, LifeCycle, Reason, ServiceError, TEXT_CAPACITY,
     control_text,
@@ -112,7 +113,7 @@ impl Ctl {
         }
         let life_cycle = LifeCycle::from_wire(answer.life_cycle).unwrap_or_default();
         let reason = Reason::from_wire(answer.reason).unwrap_or_default();
-        println!("{}", if text.is_empty() { describe(life_cycle, reason) } else { text });
+        outln!("{}", if text.is_empty() { describe(life_cycle, reason) } else { text });
         Ok(())
     }
 }

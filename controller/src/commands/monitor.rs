@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use tprmp_files::errln;
 use tprmp_messages::{LifeCycle, Reason};
 
 use crate::telemetry::SharedStatus;
@@ -49,7 +50,7 @@ fn watch(status: &SharedStatus, closed: &AtomicBool) {
         last = Some(now);
         if looks >= LOOKS_MIN && printed != Some(now) {
             printed = Some(now);
-            eprintln!("controller: {}", describe(now.0, now.1));
+            errln!("controller: {}", describe(now.0, now.1));
         }
         thread::sleep(PERIOD);
     }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use thiserror::Error;
+use tprmp_files::{Existing, WriteError, errln, try_out, write};
 use tprmp_messages::{Instance, LifeCycle, ServiceError, stop_flag};
 use tprmp_model::controller_config::ControllerConfig;
 
@@ -35,13 +36,8 @@ pub enum RunError {
     #[error("key `real_time.required` names {:?}, which the system denies: {_0}", _0.capability)]
     Denied(Denied),
     /// The summary.
-    #[error("summary `{path}` cannot be written: {source}")]
-    Summary {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        source: std::io::Error,
-    },
+    #[error("--summary: {0}")]
+    Summary(WriteError),
 }
 
 /// What to run.
@@ -117,7 +113,7 @@ impl WithRobot for Work<'_> {
         let Self { run, loaded, instance, pacing } = self;
         if let Some(path) = &run.summary {
             // Before anything moves: a summary that cannot be written would be lost.
-            try_summary(path)?;
+            try_out(path, Existing::Replace).map_err(RunError::Summary)?;
         }
         let config = loaded.config.clone();
         let real_time = &config.real_time;
@@ -137,7 +133,7 @@ impl WithRobot for Work<'_> {
         )?;
         let last = last.filter(|_| !run.reset);
         let mut cycle = cycle.after(last, &config.supervision).exchanging(exchange);
-        eprintln!(
+        errln!(
             "controller: skill {}, {N} joints, instance `{}`: waiting for state and frames",
             names.join(" with "),
             instance.name()
@@ -149,7 +145,7 @@ impl WithRobot for Work<'_> {
             if real_time.required.contains(&denied.capability) {
                 return Err(RunError::Denied(denied.clone()));
             }
-            eprintln!("controller: {denied}");
+            errln!("controller: {denied}");
         }
         let outcome = cycle.run(&shared.stop);
         drop((monitor, granted, server));
@@ -165,31 +161,24 @@ fn print_failures(loaded: &Loaded) {
         let count = model.certificate.failures.len();
         if count > 0 {
             let name = &model.skill;
-            eprintln!("controller: the model of `{name}` fails its certificate in {count} points");
+            errln!("controller: the model of `{name}` fails its certificate in {count} points");
         }
     }
 }
 
 fn write_summary(path: &Path, summary: &serde_json::Value) -> Result<(), RunError> {
-    std::fs::write(path, format!("{summary:#}\n"))
-        .map_err(|source| RunError::Summary { path: path.into(), source })
-}
-
-/// Finds out whether a summary can be written, and leaves none.
-fn try_summary(path: &Path) -> Result<(), RunError> {
-    write_summary(path, &serde_json::Value::Null)?;
-    std::fs::remove_file(path).map_err(|source| RunError::Summary { path: path.into(), source })
+    write(path, format!("{summary:#}\n"), Existing::Replace).map_err(RunError::Summary)
 }
 
 /// The last line: where the task stood when the controller left, and how the loop did.
 fn report(summary: &serde_json::Value, life_cycle: LifeCycle) {
     let ticks = summary["ticks"].as_u64().unwrap_or(0);
     if ticks == 0 {
-        eprintln!("controller: stopped; no state and frames had arrived, nothing was moved");
+        errln!("controller: stopped; no state and frames had arrived, nothing was moved");
         return;
     }
     let time = |percentile: &str| summary["tick_us"][percentile].as_f64().unwrap_or(0.0);
-    eprintln!(
+    errln!(
         "controller: stopped, the task was {}; {ticks} ticks, {} deadlines missed, {} allocations \
          in the loop, tick p50 {:.1} µs, p99 {:.1} µs, max {:.1} µs",
         match life_cycle {

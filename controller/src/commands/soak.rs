@@ -15,11 +15,17 @@ use rand_chacha::ChaCha8Rng;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 use thiserror::Error;
+use tprmp_files::{Existing, WriteError, make_folder, outln, try_out, write};
 use tprmp_messages::{
     ControlRequest, ControlVerb, ControllerStatus, Instance, LifeCycle, Reason, ServiceError,
     StatusPort, stop_flag,
 };
 
+/// Files of a run.
+const CONTROLLER_LOG: &str = "controller.log";
+const PUBLISHER_LOG: &str = "publisher.log";
+const SUMMARY: &str = "controller.json";
+const RESULT: &str = "soak.json";
 /// Pause between two looks.
 const LOOK: Duration = Duration::from_millis(20);
 /// Time between two looks at the memory.
@@ -49,8 +55,11 @@ pub enum SoakError {
         source: std::io::Error,
     },
     /// A file cannot be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// A log cannot be continued.
     #[error("`{path}` cannot be written: {source}")]
-    Write {
+    Log {
         /// The file.
         path: PathBuf,
         /// What the system says.
@@ -87,6 +96,9 @@ pub struct Soak {
     /// Folder for logs and results (soak.json).
     #[arg(long)]
     out: PathBuf,
+    /// Replace another run's files in this folder.
+    #[arg(long)]
+    force: bool,
     /// The publisher's command line; `{seed}` stands for a number that is another at each start.
     #[arg(last = true, required = true, value_name = "PUBLISHER")]
     publisher: Vec<String>,
@@ -151,8 +163,10 @@ fn resident_kib(process: u32) -> Option<i64> {
     line.split_whitespace().next()?.parse().ok()
 }
 
+/// Continues a log.
 fn log(path: &Path) -> Result<File, SoakError> {
-    File::create(path).map_err(|source| SoakError::Write { path: path.into(), source })
+    let file = File::options().append(true).open(path);
+    file.map_err(|source| SoakError::Log { path: path.into(), source })
 }
 
 fn interrupt(child: &Child) {
@@ -179,11 +193,10 @@ impl Soak {
     /// When something could not be run, or when something did not hold.
     pub fn run(&self) -> Result<(), SoakError> {
         let stop = stop_flag().map_err(SoakError::Signals)?;
-        std::fs::create_dir_all(&self.out)
-            .map_err(|source| SoakError::Write { path: self.out.clone(), source })?;
+        self.make_files()?;
         let port = Instance::new(&self.instance)?.open_status()?;
-        let log_path = self.out.join("controller.log");
-        let summary_path = self.out.join("controller.json");
+        let log_path = self.out.join(CONTROLLER_LOG);
+        let summary_path = self.out.join(SUMMARY);
         let ended = || SoakError::ControllerEnded { log: log_path.clone() };
         let mut controller = Guarded(self.start_controller(&log_path, &summary_path)?);
         let mut observed = Observed::default();
@@ -195,6 +208,19 @@ impl Soak {
         let summary: Option<Value> = summary.and_then(|text| serde_json::from_str(&text).ok());
         let summary = summary.filter(|_| status.success()).ok_or_else(ended)?;
         self.judge(&observed, &summary)
+    }
+
+    /// Makes the folder and empty logs in it; all or none.
+    fn make_files(&self) -> Result<(), SoakError> {
+        make_folder(&self.out)?;
+        let existing = Existing::unless(self.force);
+        for name in [CONTROLLER_LOG, PUBLISHER_LOG, SUMMARY, RESULT] {
+            try_out(&self.out.join(name), existing)?;
+        }
+        for name in [CONTROLLER_LOG, PUBLISHER_LOG] {
+            write(&self.out.join(name), "", existing)?;
+        }
+        Ok(())
     }
 
     fn duration_s(&self) -> f64 {
@@ -218,9 +244,9 @@ impl Soak {
     }
 
     fn start_publisher(&self, seed: u64) -> Result<Child, SoakError> {
-        let path = self.out.join("publisher.log");
+        let path = self.out.join(PUBLISHER_LOG);
         let log = log(&path)?;
-        let output = log.try_clone().map_err(|source| SoakError::Write { path, source })?;
+        let output = log.try_clone().map_err(|source| SoakError::Log { path, source })?;
         let seed = seed.to_string();
         let mut words = self.publisher.iter().map(|word| word.replace("{seed}", &seed));
         let program = words.next().unwrap_or_default();
@@ -333,10 +359,9 @@ impl Soak {
             "ticks_by_reason": summary["ticks_by_reason"],
             "failures": failures,
         });
-        let path = self.out.join("soak.json");
-        std::fs::write(&path, format!("{result:#}\n"))
-            .map_err(|source| SoakError::Write { path, source })?;
-        println!("{result:#}");
+        // The folder is this run's by now.
+        write(&self.out.join(RESULT), format!("{result:#}\n"), Existing::Replace)?;
+        outln!("{result:#}");
         if failures.is_empty() { Ok(()) } else { Err(SoakError::Failed(failures)) }
     }
 }

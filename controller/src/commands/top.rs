@@ -2,13 +2,16 @@
 //! that the controller publishes anyway; the controller waits for nobody who reads.
 
 use std::io::{self, Write};
+use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use console::Term;
 use hdrhistogram::Histogram;
 use thiserror::Error;
-use tprmp_messages::{ControllerStatus, Instance, LifeCycle, Reason, ServiceError, StatusPort};
+use tprmp_messages::{
+    ControllerStatus, Instance, LifeCycle, Reason, ServiceError, StatusPort, stop_flag,
+};
 
 use crate::commands::monitor::describe;
 
@@ -27,6 +30,9 @@ pub enum TopError {
     /// Shared memory.
     #[error(transparent)]
     Service(#[from] ServiceError),
+    /// The signal handlers.
+    #[error("signal handlers cannot be installed: {0}")]
+    Signals(io::Error),
     /// There is nobody to look at.
     #[error("no controller runs on instance `{0}`: start one, or name its --instance")]
     NoController(String),
@@ -123,17 +129,19 @@ fn receive(port: &StatusPort, window: &mut Window) -> bool {
     any
 }
 
-/// Shows the controller of an instance, again and again or `once`, until it is no longer there.
+/// Shows the controller of an instance, again and again or `once`, until it is no longer there or a
+/// signal ends it: the port is closed in any case, so that nothing stays in shared memory.
 ///
 /// # Errors
 /// When no controller publishes on this instance, or the terminal cannot be written.
 pub fn top(instance: &str, once: bool) -> Result<(), TopError> {
     let port = Instance::new(instance)?.open_status()?;
+    let stop = stop_flag().map_err(TopError::Signals)?;
     let terminal = Term::stdout();
     let mut window = Window::new();
     let mut drawn = 0;
     let (mut picture, mut heard) = (Instant::now(), Instant::now());
-    loop {
+    while !stop.load(Ordering::Relaxed) {
         thread::sleep(LOOK);
         if receive(&port, &mut window) {
             heard = Instant::now();
@@ -155,6 +163,7 @@ pub fn top(instance: &str, once: bool) -> Result<(), TopError> {
         window = Window::new();
         picture = Instant::now();
     }
+    Ok(())
 }
 
 /// Replaces the picture drawn before; where the output is no terminal, writes one below the other.

@@ -9,6 +9,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use tprmp_files::errln;
 use tprmp_messages::{
     ControlAnswer, ControlRequest, ControlServer, ControlVerb, Instance, LifeCycle, ServiceError,
     control_text,
@@ -148,7 +149,7 @@ impl<const N: usize> Work<N> {
         let _ = self.old.try_recv();
         let written = self.journal.update(&self.shared.task.load());
         if let (Err(error), false) = (&written, self.journal_failed) {
-            eprintln!(
+            errln!(
                 "controller: the journal cannot be written ({error}): the arm is not affected"
             );
         }
@@ -200,7 +201,7 @@ impl<const N: usize> Work<N> {
             ControlVerb::SwapModel => self.swap(text)?,
             ControlVerb::Set => self.set(text, value)?,
         };
-        eprintln!("controller: ctl {verb:?}: {done}");
+        errln!("controller: ctl {verb:?}: {done}");
         Ok(done)
     }
 

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use tprmp_files::WriteError;
 use tprmp_learner::canonical::DemonstrationError;
 use tprmp_learner::file_error::FileError;
 use tprmp_model::controller_config::ConfigError;
@@ -9,9 +10,12 @@ use tprmp_model::controller_config::ConfigError;
 /// Why a comparison stops. Each message names the file or the part that failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentsError {
-    /// The data set, a skill file, or the folder for the results.
+    /// The data set, or a skill file.
     #[error(transparent)]
     File(#[from] FileError),
+    /// The results.
+    #[error(transparent)]
+    Write(#[from] WriteError),
     /// A demonstration does not move.
     #[error(transparent)]
     Demonstration(#[from] DemonstrationError),

@@ -1,10 +1,11 @@
 //! `experiments`: compares policies on a set of demonstrations and writes a report.
 
-use std::io::Write as _;
 use std::process::ExitCode;
 
 use clap::Parser;
 use tprmp_experiments::run::{Options, run};
+use tprmp_files::errln;
+use tprmp_files::standard::{exit_code, out};
 
 /// Repeat the thesis' experiments, and harder ones, on a set of demonstrations
 #[derive(Parser)]
@@ -17,13 +18,12 @@ struct Arguments {
 fn main() -> ExitCode {
     match run(&Arguments::parse().options) {
         Ok(text) => {
-            // A reader that has gone away is no reason to fail: the report is written.
-            let _ = std::io::stdout().write_all(text.as_bytes());
-            ExitCode::SUCCESS
+            out(format_args!("{text}"));
+            exit_code(true)
         }
         Err(error) => {
-            let _ = writeln!(std::io::stderr(), "experiments: {error}");
-            ExitCode::FAILURE
+            errln!("experiments: {error}");
+            exit_code(false)
         }
     }
 }

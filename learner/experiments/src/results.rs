@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use tprmp_learner::file_error::FileError;
+use tprmp_files::{Existing, WriteError};
 
 use crate::experiment::{Experiment, PolicyKind};
 
@@ -68,12 +68,13 @@ pub(crate) fn finite(value: f64) -> Option<f64> {
 /// Writes the rows, one a line.
 ///
 /// # Errors
-/// [`FileError::Write`].
-pub(crate) fn write(rows: &[Row], path: &Path) -> Result<(), FileError> {
+/// [`WriteError`].
+pub(crate) fn write(rows: &[Row], path: &Path) -> Result<(), WriteError> {
     let lines: Vec<String> =
         rows.iter().map(|row| serde_json::to_string(row).expect("plain data serialises")).collect();
     let text = format!("[\n{}\n]\n", lines.join(",\n"));
-    std::fs::write(path, text).map_err(|source| FileError::Write { path: path.into(), source })
+    // The folder is this run's by now.
+    tprmp_files::write(path, text, Existing::Replace)
 }
 
 #[cfg(test)]

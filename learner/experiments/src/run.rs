@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use tprmp_files::{Existing, make_folder, outln, try_out, write};
 use tprmp_learner::file_error::FileError;
 
 use crate::bench::Bench;
@@ -35,6 +36,9 @@ pub struct Options {
     /// Folder for results.json and report.html; made when it is missing
     #[arg(long, value_name = "DIR", default_value = "target/experiments")]
     pub out: PathBuf,
+    /// Replace another run's files in this folder
+    #[arg(long)]
+    pub force: bool,
     /// Seed of all that is drawn
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -65,12 +69,12 @@ pub fn run(options: &Options) -> Result<String, ExperimentsError> {
             set.cut_rest(skill)?;
         }
     }
-    let unwritable = |path: &Path| {
-        let path = path.into();
-        |source| FileError::Write { path, source }
-    };
-    std::fs::create_dir_all(&options.out).map_err(unwritable(&options.out))?;
-    println!("data set   {dataset}: {} skills, seed {seed}", skills.len());
+    make_folder(&options.out)?;
+    let [results_path, path] = ["results.json", "report.html"].map(|name| options.out.join(name));
+    for path in [&results_path, &path] {
+        try_out(path, Existing::unless(options.force))?;
+    }
+    outln!("data set   {dataset}: {} skills, seed {seed}", skills.len());
     let models = train_all(&files, &leaves, &skills, &extent.components, seed);
     let trained = begun.elapsed();
     let bench = Bench { dataset, skills: &skills, models: &models, files: &files, extent, seed };
@@ -79,7 +83,6 @@ pub fn run(options: &Options) -> Result<String, ExperimentsError> {
     rows.extend(bench.stability());
     let timed = bench.iteration_times();
     rows.extend(timed.iter().map(|(row, _)| row.clone()));
-    let results_path = options.out.join("results.json");
     results::write(&rows, &results_path)?;
     let own = Space::ALL.map(|space| files.count(space, PolicyKind::Canonical));
     let mut verdicts = verdicts(&rows, &models, own);
@@ -95,8 +98,7 @@ pub fn run(options: &Options) -> Result<String, ExperimentsError> {
         trained,
         elapsed: begun.elapsed(),
     });
-    let path = options.out.join("report.html");
-    std::fs::write(&path, page).map_err(unwritable(&path))?;
+    write(&path, page, Existing::Replace)?;
     Ok(format!(
         "{}{} rows in {:.0} s (training {:.0} s)\nwrote      {}\nwrote      {}\n",
         summary(&verdicts, &models.failures),

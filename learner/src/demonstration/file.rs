@@ -152,6 +152,10 @@ pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstr
     let text = read_text(path)?;
     let file = parse(&text, path)?;
     let fail = |key: &str, problem: String| Err(FileError::key(path, key, problem));
+    FileError::name(path, "skill", &file.skill)?;
+    for name in file.frames.keys() {
+        FileError::name(path, "frames", name)?;
+    }
     let manifold = match file.manifold.as_str() {
         "R2" => Manifold::R2,
         "R3" => Manifold::R3,

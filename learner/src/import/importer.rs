@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use tprmp_files::{Draft, Existing, make_folder, name};
+
 use super::recording::Recording;
 use super::selection::Selection;
 use super::{lasa, npz, table, thesis};
@@ -10,7 +12,7 @@ use crate::file_error::FileError;
 
 /// Imports a file and writes its demonstrations into a folder, which is made when it is missing:
 /// `<file>.json` of a file with one demonstration, else `<skill>_01.json` and so on. Returns the
-/// files written.
+/// files written: all, or none when one of them may not be.
 ///
 /// # Errors
 /// [`FileError`], naming the file and the key, column, array or variable: the file cannot be
@@ -20,19 +22,19 @@ pub fn import(
     foreign: &Path,
     folder: &Path,
     selection: &Selection,
+    existing: Existing,
 ) -> Result<Vec<PathBuf>, FileError> {
     let demonstrations = load(foreign, selection)?;
-    let failed = |path: &Path, source| FileError::Write { path: path.into(), source };
-    std::fs::create_dir_all(folder).map_err(|source| failed(folder, source))?;
+    make_folder(folder)?;
     let mut written = Vec::with_capacity(demonstrations.len());
     for demonstration in demonstrations {
         let [start_frame, goal_frame] = selection.frames(demonstration.manifold);
-        let path = folder.join(&demonstration.name);
-        std::fs::write(&path, to_text(&demonstration, &start_frame, &goal_frame))
-            .map_err(|source| failed(&path, source))?;
-        written.push(path);
+        let mut draft = Draft::open(&folder.join(&demonstration.name), existing)?;
+        draft.put(to_text(&demonstration, &start_frame, &goal_frame))?;
+        written.push((folder.join(&demonstration.name), draft));
     }
-    Ok(written)
+    let keep = |(path, draft): (PathBuf, Draft)| draft.keep().map(|()| path);
+    Ok(written.into_iter().map(keep).collect::<Result<_, _>>()?)
 }
 
 /// The demonstrations of a file, as [`import`] would write them.
@@ -61,7 +63,12 @@ pub fn load(foreign: &Path, selection: &Selection) -> Result<Vec<Demonstration>,
             return Err(FileError::input(foreign, "extension", problem));
         }
     };
+    // Both become names of files.
     let stem = foreign.file_stem().unwrap_or_default().to_string_lossy();
+    let key = if selection.skill.is_some() { "option --skill" } else { "key `name`" };
+    for (place, name) in [("name of the file", &*stem), (key, &*skill)] {
+        name::check(name).map_err(|error| FileError::input(foreign, place, error.to_string()))?;
+    }
     let finish = |(i, recording): (usize, Recording)| {
         let name =
             if single { format!("{stem}.json") } else { format!("{skill}_{:02}.json", i + 1) };

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::DVec3;
+use tprmp_files::name;
 use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::Pose;
 
@@ -104,7 +105,7 @@ impl Recording {
         if count < POINTS_MIN {
             return Err(format!("expected at least {POINTS_MIN} samples, found {count}"));
         }
-        self.check_numbers()?;
+        self.check_names_and_numbers()?;
         let duration_s = self.times_s[count - 1] - self.times_s[0];
         if duration_s > DURATION_MAX_S {
             return Err(format!(
@@ -135,7 +136,10 @@ impl Recording {
         Ok(())
     }
 
-    fn check_numbers(&self) -> Result<(), String> {
+    fn check_names_and_numbers(&self) -> Result<(), String> {
+        for name in self.other_frames.keys() {
+            name::check(name).map_err(|error| format!("frames: {error}"))?;
+        }
         assert_eq!(self.times_s.len(), self.poses.len(), "readers check the lengths");
         let near = format!("expected finite positions below {POSITION_MAX_M} m");
         let known = [("start", &self.start), ("goal", &self.goal_frame)].into_iter();

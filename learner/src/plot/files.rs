@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use tprmp_drawing::Page;
+use tprmp_files::{Existing, make_folder};
 use tprmp_model::skill_model::{self, ModelError, SkillModel, sha256_hex};
 
 use super::figures;
@@ -37,11 +38,11 @@ pub fn plot(model: &Path, demonstrations: &Path, out: &Path) -> Result<Vec<PathB
 
     let write = |name: &str, text: &str| {
         let path = out.join(name);
-        std::fs::write(&path, text)
-            .map_err(|source| FileError::Write { path: path.clone(), source })?;
+        // Drawn anew: pictures are no record of anything.
+        tprmp_files::write(&path, text, Existing::Replace)?;
         Ok::<_, FileError>(path)
     };
-    std::fs::create_dir_all(out).map_err(|source| FileError::Write { path: out.into(), source })?;
+    make_folder(out).map_err(FileError::from)?;
     let mut paths = Vec::with_capacity(pictures.len() + 1);
     for picture in &pictures {
         paths.push(write(&format!("{}.svg", picture.name), &picture.svg)?);

@@ -1,7 +1,8 @@
 //! Reports on standard error what a session waits for.
 
-use std::io::Write;
 use std::time::{Duration, Instant};
+
+use tprmp_files::errln;
 
 use super::intake::{Fault, FramesIntake, Unusable};
 use super::recorder::Stage;
@@ -10,9 +11,9 @@ use super::recording::Task;
 /// What is waited for is announced when it lasts so long.
 const PATIENCE: Duration = Duration::from_millis(300);
 
-/// Writes a line. Who no longer listens does not end the session.
+/// Writes a line.
 pub(super) fn announce(text: &str) {
-    let _ = writeln!(std::io::stderr(), "learner: {text}");
+    errln!("learner: {text}");
 }
 
 /// What the session waits for.

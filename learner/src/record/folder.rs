@@ -1,11 +1,9 @@
 //! The folder of demonstrations: a file is there whole or not at all, and none is replaced.
 
-use std::fs::{self, File};
-use std::io::Write;
+use std::fs;
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{CWD, RenameFlags, renameat_with};
-use rustix::io::Errno;
+use tprmp_files::{Draft, Existing, WriteError, make_folder, try_out};
 
 use crate::demonstration::{self, Demonstration};
 use crate::file_error::FileError;
@@ -17,19 +15,15 @@ const TRIES: u32 = 100;
 #[derive(Debug)]
 pub(super) struct Folder {
     path: PathBuf,
-    /// Where a file is written before it gets its name.
-    draft: PathBuf,
 }
 
 impl Folder {
     /// Makes the folder where it is missing, and tries it: what is recorded later must not be lost.
     pub(super) fn open(path: &Path) -> Result<Self, FileError> {
-        let failed = |path: &Path, source| FileError::Write { path: path.into(), source };
-        fs::create_dir_all(path).map_err(|source| failed(path, source))?;
-        let draft = path.join(format!(".recording-{}.part", std::process::id()));
-        File::create(&draft).map_err(|source| failed(&draft, source))?;
-        fs::remove_file(&draft).map_err(|source| failed(&draft, source))?;
-        Ok(Self { path: path.into(), draft })
+        make_folder(path)?;
+        let folder = Self { path: path.into() };
+        try_out(&folder.next()?, Existing::Keep)?;
+        Ok(folder)
     }
 
     /// Writes a demonstration under the next number, and reads it back before it gets its name.
@@ -44,42 +38,27 @@ impl Folder {
         goal_frame: &str,
     ) -> Result<PathBuf, FileError> {
         let text = demonstration::to_text(demonstration, start_frame, goal_frame);
-        let named = self
-            .write(&text)
-            .and_then(|()| demonstration::read(&self.draft, start_frame, goal_frame))
-            .and_then(|_| self.name());
-        if named.is_err() {
-            // It may not be there at all.
-            let _ = fs::remove_file(&self.draft);
-        }
-        named
-    }
-
-    fn write(&self, text: &str) -> Result<(), FileError> {
-        File::create(&self.draft)
-            .and_then(|mut file| {
-                file.write_all(text.as_bytes())?;
-                file.sync_all()
-            })
-            .map_err(|source| FileError::Write { path: self.draft.clone(), source })
-    }
-
-    /// Gives the draft the next free name.
-    fn name(&self) -> Result<PathBuf, FileError> {
-        let mut failure = Errno::EXIST;
-        for _ in 0..TRIES {
-            let path = self.path.join(format!("{:02}.json", self.last_number()? + 1));
-            match renameat_with(CWD, &self.draft, CWD, &path, RenameFlags::NOREPLACE) {
+        let write = |path: &Path| {
+            let mut draft = Draft::open(path, Existing::Keep)?;
+            draft.put(&text)?;
+            demonstration::read(draft.temporary(), start_frame, goal_frame)?;
+            Ok(draft.keep()?)
+        };
+        for tries_left in (0..TRIES).rev() {
+            let path = self.next()?;
+            match write(&path) {
                 Ok(()) => return Ok(path),
                 // Somebody else was faster.
-                Err(Errno::EXIST) => {}
-                Err(other) => {
-                    failure = other;
-                    break;
-                }
+                Err(FileError::Write(WriteError::Exists { .. })) if tries_left > 0 => {}
+                Err(error) => return Err(error),
             }
         }
-        Err(FileError::Write { path: self.path.clone(), source: failure.into() })
+        unreachable!("the last try returns")
+    }
+
+    /// The file of the next number.
+    fn next(&self) -> Result<PathBuf, FileError> {
+        Ok(self.path.join(format!("{:02}.json", self.last_number()? + 1)))
     }
 
     /// The greatest number that is the name of a JSON file, 0 without one.
@@ -143,9 +122,9 @@ mod tests {
         assert_eq!(names(), ["01.json", "07.json", "08.json", "pick_90.json"]);
         assert_eq!(fs::read_to_string(folder.path.join("07.json")).unwrap(), "not mine");
         fs::remove_dir_all(&path).unwrap();
-        assert!(matches!(save(12), Err(FileError::Write { .. })));
+        assert!(matches!(save(12), Err(FileError::Write(_))));
         fs::write(&path, "a file").unwrap();
-        assert!(matches!(Folder::open(&path), Err(FileError::Write { .. })));
+        assert!(matches!(Folder::open(&path), Err(FileError::Write(_))));
         fs::remove_file(&path).unwrap();
     }
 }

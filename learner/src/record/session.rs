@@ -1,10 +1,10 @@
 //! One run of `learner record`: reads shared memory until there are demonstrations enough.
 
-use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use tprmp_files::outln;
 use tprmp_messages::{Instance, OBSERVER_BUFFER, ObserverPorts, RobotState, name_bytes, stop_flag};
 use tprmp_model::controller_config;
 
@@ -167,11 +167,9 @@ impl Session {
         match self.folder.save(&recorded.demonstration, start_frame, goal_frame) {
             Ok(path) => {
                 self.written += 1;
-                // As in [`announce`].
-                let mut out = std::io::stdout();
-                let _ = writeln!(out, "wrote      {}: {}", path.display(), recorded.summary());
+                outln!("wrote      {}: {}", path.display(), recorded.summary());
                 for note in recorded.notes {
-                    let _ = writeln!(out, "note       {note}");
+                    outln!("note       {note}");
                 }
                 Ok(())
             }

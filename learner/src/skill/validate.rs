@@ -1,5 +1,6 @@
 //! What the values of a skill file have to be.
 
+use tprmp_files::name;
 use tprmp_model::skill_model::FRAME_CAPACITY;
 use tprmp_rmpflow::policy::canonical::field::COMPONENT_CAPACITY;
 use tprmp_rmpflow::policy::canonical::frame_map::PHASE_DISTANCE_MIN;
@@ -48,14 +49,13 @@ fn validate_names(skill: &Skill) -> Result<(), Wrong> {
         ("start_frame", &skill.start_frame),
         ("goal_frame", &skill.goal_frame),
     ] {
-        if name.is_empty() {
-            return Err((key, "expected a name, found an empty one".into()));
-        }
+        name::check(name).map_err(|error| (key, error.to_string()))?;
     }
     let mut frames = vec![&skill.start_frame, &skill.goal_frame];
     frames.dedup();
     for name in &skill.other_frames {
-        if name.is_empty() || frames.contains(&name) {
+        name::check(name).map_err(|error| ("other_frames", error.to_string()))?;
+        if frames.contains(&name) {
             let problem = format!(
                 "expected names that differ from each other and those of start and goal, found `{name}`"
             );

@@ -6,6 +6,7 @@ use glam::DVec2;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde::Deserialize;
+use tprmp_files::{Existing, Name, outln};
 
 use crate::error::{SimError, parse_json, read_text};
 use crate::record::{Demonstration, Labels, Variation, demonstrate, write_all};
@@ -29,8 +30,8 @@ const CURVATURE_FRACTION: f64 = 0.01;
 pub(crate) struct Drawings {
     #[serde(rename = "schema")]
     _schema: String,
-    start_frame: String,
-    goal_frame: String,
+    start_frame: Name,
+    goal_frame: Name,
     /// Demonstrations of each drawing.
     count: u32,
     sampling_time_s: f64,
@@ -45,11 +46,11 @@ pub(crate) struct Drawings {
     drawings: Vec<Drawing>,
 }
 
-/// A drawing; its name is its skill's.
+/// A drawing; its name is its skill's, and its folder's.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Drawing {
-    skill: String,
+    skill: Name,
     way_points_m: Vec<[f64; 2]>,
 }
 
@@ -83,14 +84,6 @@ impl Drawings {
                 Err(SimError::key(path, format!("drawings[{i}].{key}"), problem))
             };
             let skill = &drawing.skill;
-            let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-            if skill.is_empty() || !skill.chars().all(plain) {
-                let problem = format!(
-                    "expected a name of letters, digits, `-` and `_`: it becomes a folder; found \
-                     `{skill}`"
-                );
-                return fail("skill", problem);
-            }
             if self.drawings[..i].iter().any(|other| other.skill == *skill) {
                 return fail("skill", format!("expected names that differ, found `{skill}` twice"));
             }
@@ -112,9 +105,9 @@ impl Drawings {
 }
 
 /// Writes the demonstrations of all drawings, each into a folder of its own.
-pub(crate) fn draw(file: &Path, seed: u64, out: &Path) -> Result<(), SimError> {
+pub(crate) fn draw(file: &Path, seed: u64, out: &Path, existing: Existing) -> Result<(), SimError> {
     let drawings = Drawings::read(file)?;
-    println!("seed {seed}");
+    outln!("seed {seed}");
     for drawing in &drawings.drawings {
         let labels = Labels {
             skill: &drawing.skill,
@@ -122,7 +115,8 @@ pub(crate) fn draw(file: &Path, seed: u64, out: &Path) -> Result<(), SimError> {
             goal_frame: &drawings.goal_frame,
             sampling_time_s: drawings.sampling_time_s,
         };
-        write_all(&of_drawing(&drawings, drawing, seed), &labels, &out.join(&drawing.skill))?;
+        let folder = out.join(drawing.skill.as_str());
+        write_all(&of_drawing(&drawings, drawing, seed), &labels, &folder, existing)?;
     }
     Ok(())
 }
@@ -232,7 +226,7 @@ mod tests {
         let last = drawings.drawings.last().unwrap().clone();
         let before = of_drawing(&drawings, &last, 3);
         let way_points_m = vec![[0.0, 0.0], [1.0, 0.2], [2.0, 0.0]];
-        drawings.drawings.insert(0, Drawing { skill: "new".into(), way_points_m });
+        drawings.drawings.insert(0, Drawing { skill: "new".parse().unwrap(), way_points_m });
         let after = of_drawing(&drawings, drawings.drawings.last().unwrap(), 3);
         assert!(before.iter().zip(&after).all(|(a, b)| a.points == b.points));
         assert!(of_drawing(&drawings, &last, 4)[0].points != before[0].points);
@@ -256,7 +250,7 @@ mod tests {
         for (from, to, key, expectation) in [
             ("\"count\": 4", "\"count\": 0", "count", "from 1 to 99"),
             ("tprmp-drawings/1", "tprmp-drawings/9", "schema", "tprmp-drawings/9"),
-            ("\"skill\": \"C\"", "\"skill\": \"../C\"", "drawings[0].skill", "letters"),
+            ("\"skill\": \"C\"", "\"skill\": \"../C\"", "drawings[0].skill", "expected a name"),
             ("\"skill\": \"G\"", "\"skill\": \"C\"", "drawings[1].skill", "twice"),
             ("\"mean_speed_m_s\": [0.6", "\"mean_speed_m_s\": [-0.6", "mean_speed_m_s", "low"),
             ("\"skill\": \"C\", ", "", "drawings[0]", "missing field `skill`"),

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
+use tprmp_files::WriteError;
 use tprmp_messages::ServiceError;
 use tprmp_robot::UrdfError;
 
@@ -20,13 +21,8 @@ pub(crate) enum SimError {
         hint: &'static str,
     },
     /// A file or folder cannot be written.
-    #[error("{}: cannot be written: {source}", path.display())]
-    Write {
-        /// File or folder.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Write(#[from] WriteError),
     /// A file's content is not as expected.
     #[error("{}: `{key}`: {problem}", path.display())]
     Key {
@@ -78,14 +74,6 @@ pub(crate) fn read_text(path: &Path, hint: &'static str) -> Result<String, SimEr
         source,
         hint,
     })
-}
-
-/// Writes a file, and the folder it lies in.
-pub(crate) fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), SimError> {
-    let folder = path.parent().unwrap_or(Path::new(""));
-    std::fs::create_dir_all(folder)
-        .and_then(|()| std::fs::write(path, content))
-        .map_err(|source| SimError::Write { path: path.into(), source })
 }
 
 /// Parses JSON; an error names the key.

@@ -6,10 +6,11 @@ use std::fmt::Write;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use tprmp_files::{Draft, Existing, make_folder};
 use tprmp_messages::LifeCycle;
 
 use crate::episode::Episode;
-use crate::error::{SimError, parse_json, read_text, write};
+use crate::error::{SimError, parse_json, read_text};
 
 /// File of the rows.
 pub(crate) const LOG_FILE: &str = "log.csv";
@@ -143,8 +144,13 @@ impl Bridge {
     }
 }
 
-/// Writes both files into a folder.
-pub(crate) fn save(folder: &Path, rows: &[Row], bridge: &Bridge) -> Result<(), SimError> {
+/// Writes both files into a folder; both, or none when one may not be.
+pub(crate) fn save(
+    folder: &Path,
+    rows: &[Row],
+    bridge: &Bridge,
+    existing: Existing,
+) -> Result<(), SimError> {
     let mut text = Row::COLUMNS.join(",");
     text.push('\n');
     for row in rows {
@@ -156,9 +162,15 @@ pub(crate) fn save(folder: &Path, rows: &[Row], bridge: &Bridge) -> Result<(), S
         }
         text.push('\n');
     }
-    write(&folder.join(LOG_FILE), text)?;
     let json = serde_json::to_string_pretty(bridge).expect("keys are strings");
-    write(&folder.join(BRIDGE_FILE), json + "\n")
+    make_folder(folder)?;
+    let mut drafts = Vec::new();
+    for (name, content) in [(LOG_FILE, text), (BRIDGE_FILE, json + "\n")] {
+        let mut draft = Draft::open(&folder.join(name), existing)?;
+        draft.put(content)?;
+        drafts.push(draft);
+    }
+    Ok(drafts.into_iter().try_for_each(Draft::keep)?)
 }
 
 /// Reads both files of a folder.

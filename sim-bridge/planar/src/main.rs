@@ -23,6 +23,8 @@ use error::SimError;
 use log::Outcome;
 use run::Options;
 use scene::Scene;
+use tprmp_files::standard::exit_code;
+use tprmp_files::{Existing, errln};
 
 /// A native simulator of a point in the plane: no Python needed.
 ///
@@ -47,7 +49,7 @@ enum Command {
     /// Run the simulator live, beside a controller, until the task is done.
     ///
     /// The point waits, braked, for the controller's first command. Ctrl-C ends the run and still
-    /// writes the log; a second Ctrl-C leaves at once.
+    /// writes the log; another Ctrl-C, half a second later or more, leaves at once.
     Run {
         /// Where the goal and the obstacle are and how they move; the same seed, the same run.
         #[arg(long)]
@@ -68,6 +70,9 @@ enum Command {
         /// Write the raw bytes of every command to this file.
         #[arg(long, value_name = "FILE", requires = "lockstep")]
         record_commands: Option<PathBuf>,
+        /// Replace another run's files.
+        #[arg(long)]
+        force: bool,
         /// Scene file.
         #[arg(long, default_value = "config/scenes/planar.json")]
         scene: PathBuf,
@@ -89,6 +94,9 @@ enum Command {
         /// What the expert varies; the same seed gives the same files.
         #[arg(long, default_value_t = 1)]
         seed: u64,
+        /// Replace demonstrations of the same names in the folder.
+        #[arg(long)]
+        force: bool,
         /// Scene file.
         #[arg(long, default_value = "config/scenes/planar.json")]
         scene: PathBuf,
@@ -107,38 +115,40 @@ enum Command {
         /// What the expert varies; the same seed gives the same files.
         #[arg(long, default_value_t = 1)]
         seed: u64,
+        /// Replace demonstrations of the same names in the folders.
+        #[arg(long)]
+        force: bool,
     },
 }
 
 fn main() -> ExitCode {
     match execute(Arguments::parse().command) {
-        Ok(code) => code,
+        Ok(success) => exit_code(success),
         Err(error) => {
-            eprintln!("planar-sim: {error}");
-            ExitCode::FAILURE
+            errln!("planar-sim: {error}");
+            exit_code(false)
         }
     }
 }
 
-fn execute(command: Command) -> Result<ExitCode, SimError> {
+/// Runs a command; gives whether what it ran or judged succeeded.
+fn execute(command: Command) -> Result<bool, SimError> {
     match command {
-        Command::Run { seed, out, instance, lockstep, push, record_commands, scene } => {
-            let options = Options { seed, out, instance, lockstep, push, record_commands };
+        Command::Run { seed, out, instance, lockstep, push, record_commands, force, scene } => {
+            let existing = Existing::unless(force);
+            let options =
+                Options { seed, out, instance, lockstep, push, record_commands, existing };
             let outcome = run::run(&Scene::read(&scene)?, &options)?;
-            let done = matches!(outcome, Outcome::Done | Outcome::Interrupted);
-            Ok(if done { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+            Ok(matches!(outcome, Outcome::Done | Outcome::Interrupted))
         }
-        Command::Report { folder } => {
-            let success = report::report(&folder)?;
-            Ok(if success { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+        Command::Report { folder } => report::report(&folder),
+        Command::Record { out, seed, force, scene } => {
+            record::record(&Scene::read(&scene)?, seed, &out, Existing::unless(force))?;
+            Ok(true)
         }
-        Command::Record { out, seed, scene } => {
-            record::record(&Scene::read(&scene)?, seed, &out)?;
-            Ok(ExitCode::SUCCESS)
-        }
-        Command::Draw { drawings, out, seed } => {
-            drawings::draw(&drawings, seed, &out)?;
-            Ok(ExitCode::SUCCESS)
+        Command::Draw { drawings, out, seed, force } => {
+            drawings::draw(&drawings, seed, &out, Existing::unless(force))?;
+            Ok(true)
         }
     }
 }

@@ -9,8 +9,9 @@ use glam::DVec2;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde::Deserialize;
+use tprmp_files::{Draft, Existing, make_folder, outln};
 
-use crate::error::{SimError, parse_json, read_text, write};
+use crate::error::{SimError, parse_json, read_text};
 use crate::scene::{Range, Scene};
 use crate::shape::{PlanarPose, Stroke, minimum_jerk};
 
@@ -69,20 +70,33 @@ pub(crate) struct Labels<'a> {
 }
 
 /// Records the demonstrations of a scene into a folder.
-pub(crate) fn record(scene: &Scene, seed: u64, out: &Path) -> Result<(), SimError> {
-    write_all(&of_scene(scene, seed), &labels(scene), out)
+pub(crate) fn record(
+    scene: &Scene,
+    seed: u64,
+    out: &Path,
+    existing: Existing,
+) -> Result<(), SimError> {
+    write_all(&of_scene(scene, seed), &labels(scene), out, existing)
 }
 
-/// Writes demonstrations into a folder: 01.json, 02.json, …
+/// Writes demonstrations into a folder: 01.json, 02.json, …; all, or none when one may not be.
 pub(crate) fn write_all(
     demonstrations: &[Demonstration],
     labels: &Labels,
     out: &Path,
+    existing: Existing,
 ) -> Result<(), SimError> {
+    make_folder(out)?;
+    let mut drafts = Vec::with_capacity(demonstrations.len());
     for (i, demonstration) in demonstrations.iter().enumerate() {
         let path = out.join(format!("{:02}.json", i + 1));
-        write(&path, to_text(demonstration, labels))?;
-        println!(
+        let mut draft = Draft::open(&path, existing)?;
+        draft.put(to_text(demonstration, labels))?;
+        drafts.push((path, draft));
+    }
+    for ((path, draft), demonstration) in drafts.into_iter().zip(demonstrations) {
+        draft.keep()?;
+        outln!(
             "{}: {} samples, {:.2} s",
             path.display(),
             demonstration.points.len(),
@@ -269,7 +283,7 @@ mod tests {
         assert_eq!(texts(3), texts(3));
         assert_ne!(texts(3), texts(4));
         let folder = std::env::temp_dir().join(format!("planar-record-{}", std::process::id()));
-        record(&scene, 3, &folder).unwrap();
+        record(&scene, 3, &folder, Existing::Keep).unwrap();
         let read = read_folder(&folder, &scene).unwrap();
         for (a, b) in read.iter().zip(of_scene(&scene, 3)) {
             assert!((a.goal.angle_rad - b.goal.angle_rad).abs() < 1e-5);

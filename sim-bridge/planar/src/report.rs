@@ -7,8 +7,9 @@ use glam::DVec2;
 use serde::Serialize;
 use serde_json::{Value, json};
 use tprmp_drawing::{Page, Picture};
+use tprmp_files::{Existing, outln, write};
 
-use crate::error::{SimError, parse_json, write};
+use crate::error::{SimError, parse_json};
 use crate::log::{Bridge, Mode, Outcome, Row, before_stopping, counted, load};
 use crate::pictures::pictures;
 use crate::record::read_folder;
@@ -56,15 +57,16 @@ pub(crate) fn report(folder: &Path) -> Result<bool, SimError> {
     let controller = read_controller(&folder.join(CONTROLLER_FILE))?;
     let result = judge(&rows, &bridge, &scene, controller.as_ref());
     let json = serde_json::to_string_pretty(&result).expect("keys are strings");
-    write(&folder.join(RESULT_FILE), json + "\n")?;
+    // Judged anew: a report is no record of anything.
+    write(&folder.join(RESULT_FILE), json + "\n", Existing::Replace)?;
     let pictures = pictures(&rows, &bridge, &scene, &demonstrations, controller.as_ref());
     let table = table(&result);
     let html = folder.join(REPORT_FILE);
-    write(&html, page(&result, &table, &pictures))?;
+    write(&html, page(&result, &table, &pictures), Existing::Replace)?;
     for (name, value) in &table {
-        println!("{name:<36} {value}");
+        outln!("{name:<36} {value}");
     }
-    println!("{:<36} {}", "pictures", html.display());
+    outln!("{:<36} {}", "pictures", html.display());
     Ok(result.success)
 }
 
@@ -258,11 +260,12 @@ mod tests {
         }
 
         fn write_controller(&self, summary: &Value) {
-            write(&self.folder.join(CONTROLLER_FILE), summary.to_string()).unwrap();
+            write(&self.folder.join(CONTROLLER_FILE), summary.to_string(), Existing::Replace)
+                .unwrap();
         }
 
         fn report(&self) -> (bool, Value) {
-            save(&self.folder, &self.rows, &self.bridge).unwrap();
+            save(&self.folder, &self.rows, &self.bridge, Existing::Replace).unwrap();
             let success = report(&self.folder).unwrap();
             let text = std::fs::read_to_string(self.folder.join(RESULT_FILE)).unwrap();
             let result: Value = serde_json::from_str(&text).unwrap();

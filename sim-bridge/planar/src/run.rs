@@ -14,6 +14,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use tprmp_files::{Existing, errln, try_out, write};
 use tprmp_messages::{
     Action, Bounds, CommandGuard, CommandMode, ControllerStatus, Frame, Instance, JOINT_CAPACITY,
     JointCommand, LifeCycle, Obstacle, ObstacleKind, Reason, RobotState, StatePublisherPorts,
@@ -22,7 +23,7 @@ use tprmp_messages::{
 
 use crate::clock::{monotonic_ns, sleep_until};
 use crate::episode::FrameAt;
-use crate::error::{SimError, write};
+use crate::error::SimError;
 use crate::log::{Bridge, Extremes, Mode, Outcome, Row, STEPS_A_ROW, Timing, counted, save};
 use crate::scene::Scene;
 use crate::world::{Drive, World, force};
@@ -51,6 +52,8 @@ pub(crate) struct Options {
     pub(crate) lockstep: bool,
     pub(crate) push: bool,
     pub(crate) record_commands: Option<PathBuf>,
+    /// What becomes of another run's files.
+    pub(crate) existing: Existing,
 }
 
 /// Runs one episode and writes its log; gives how it ended.
@@ -58,21 +61,32 @@ pub(crate) fn run(scene: &Scene, options: &Options) -> Result<Outcome, SimError>
     let world = World::new(scene, options.seed, options.push)?;
     let mut run = Run::new(scene, options, world)?;
     // Before anything moves: a run that cannot be written down would be lost.
-    run.save(scene, options, Outcome::Interrupted)?;
+    if let Some(path) = &options.record_commands {
+        try_out(path, options.existing)?;
+    }
+    run.save(scene, options, Outcome::Interrupted, options.existing)?;
     let instance = Instance::new(&options.instance)?;
     let ports = instance.open_state_publisher()?;
     let stop = stop_flag().map_err(SimError::Signals)?;
-    eprintln!(
+    errln!(
         "planar-sim: seed {}, instance `{}`: publishing at {} Hz, waiting for a controller",
-        options.seed, options.instance, scene.physics.rate_hz
+        options.seed,
+        options.instance,
+        scene.physics.rate_hz
     );
-    let outcome =
-        if options.lockstep { run.lockstep(&ports, &stop)? } else { run.real_time(&ports, &stop)? };
+    let ended =
+        if options.lockstep { run.lockstep(&ports, &stop) } else { run.real_time(&ports, &stop) };
     drop(ports);
-    run.save(scene, options, outcome)?;
-    if let (Some(path), Some(recorded)) = (&options.record_commands, &run.recorded) {
-        write(path, recorded)?;
-    }
+    // What was seen until an error is written down, too; the files are this run's by now.
+    let outcome = *ended.as_ref().unwrap_or(&Outcome::Interrupted);
+    let saved = run.save(scene, options, outcome, Existing::Replace);
+    let recorded = match (&options.record_commands, &run.recorded) {
+        (Some(path), Some(recorded)) => write(path, recorded, options.existing),
+        _ => Ok(()),
+    };
+    ended?;
+    saved?;
+    recorded?;
     run.print(outcome, &options.out);
     Ok(outcome)
 }
@@ -394,7 +408,13 @@ impl Run {
         }
     }
 
-    fn save(&mut self, scene: &Scene, options: &Options, outcome: Outcome) -> Result<(), SimError> {
+    fn save(
+        &mut self,
+        scene: &Scene,
+        options: &Options,
+        outcome: Outcome,
+        existing: Existing,
+    ) -> Result<(), SimError> {
         self.timing.simulated_s = self.world.time_s();
         let world = &self.world;
         let bridge = Bridge {
@@ -411,12 +431,12 @@ impl Run {
             command_faults: command_faults(&self.guard),
             extremes: self.extremes,
         };
-        save(&options.out, &self.rows, &bridge)
+        save(&options.out, &self.rows, &bridge, existing)
     }
 
     fn print(&self, outcome: Outcome, out: &Path) {
         let timing = &self.timing;
-        eprintln!(
+        errln!(
             "planar-sim: {outcome:?} after {:.2} s in {:.2} s; {} slips, together {:.1} ms; {} \
              braked steps; wrote {}",
             timing.simulated_s,

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::RngCore;
 use serde::Deserialize;
+use tprmp_files::Name;
 
 use crate::error::{SimError, parse_json, read_text};
 
@@ -54,11 +55,11 @@ pub(crate) struct PhysicsSettings {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct TaskSettings {
-    pub(crate) skill: String,
+    pub(crate) skill: Name,
     /// Relative to the scene file; after reading, as it can be opened.
     pub(crate) demonstrations: PathBuf,
-    pub(crate) start_frame: String,
-    pub(crate) goal_frame: String,
+    pub(crate) start_frame: Name,
+    pub(crate) goal_frame: Name,
     pub(crate) position_error_max_m: f64,
 }
 

@@ -188,6 +188,45 @@ fn a_lockstep_run_is_the_same_twice_and_ends_when_the_controller_leaves() {
 }
 
 #[test]
+fn another_runs_files_stay_without_force() {
+    let folder = Folder::new("force");
+    let out = folder.0.display().to_string();
+    let log = folder.0.join("log.csv");
+    std::fs::write(&log, "theirs").unwrap();
+    for arguments in [&["run", "--seed", "1"][..], &["record"]] {
+        std::fs::write(folder.0.join("06.json"), "theirs").unwrap();
+        let output = planar_sim(&[arguments, &["--scene", SCENE, "--out", &out]].concat());
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.contains("is there already") && said.contains("--force"), "{said}");
+        let mut names: Vec<_> =
+            std::fs::read_dir(&folder.0).unwrap().map(|e| e.unwrap().file_name()).collect();
+        names.sort();
+        assert_eq!(names, ["06.json", "log.csv"]);
+    }
+    assert_eq!(std::fs::read_to_string(&log).unwrap(), "theirs");
+    let forced = planar_sim(&["record", "--scene", SCENE, "--out", &out, "--force"]);
+    assert!(forced.status.success());
+    assert_ne!(std::fs::read_to_string(folder.0.join("06.json")).unwrap(), "theirs");
+}
+
+/// The point moves on, and the end tells.
+#[test]
+fn a_log_that_cannot_be_written_at_the_end_is_told() {
+    let folder = Folder::new("lost");
+    let (name, out) = (instance("lost"), folder.0.join("out"));
+    let mut run = start_run(&out, &name, &["--lockstep"]);
+    let seen = control(&name, 300, 1400, |sequence, _| {
+        if sequence == 100 {
+            std::fs::remove_dir_all(&out).unwrap();
+            std::fs::write(&out, "a file in the way").unwrap();
+        }
+    });
+    assert_eq!(seen.states.len(), 1400);
+    assert_eq!(run.wait().unwrap().code(), Some(1));
+}
+
+#[test]
 fn expired_commands_and_stops_brake() {
     let folder = Folder::new("brake");
     let name = instance("brake");

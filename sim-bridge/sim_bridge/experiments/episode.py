@@ -59,11 +59,10 @@ class Settings:
     quick: bool
     only: list[str]
     workers: int
-
-    @property
-    def running(self) -> Path:
-        """Folder for what an episode needs while it runs."""
-        return self.out / "running"
+    force: bool = False
+    """Whether another run's files are replaced."""
+    running: Path = Path()
+    """Folder for what an episode needs while it runs."""
 
 
 class FalsePublication(Publication):
@@ -197,7 +196,6 @@ def run_episode(settings: Settings, experiment: Experiment, seed: int) -> dict[s
     grasp = demonstrated_grasp(scene.task.demonstrations, scene.task.goal_frame)
     name = f"exp-{os.getpid()}-{experiment.name[:5]}-{seed}"
     folder = settings.running
-    folder.mkdir(parents=True, exist_ok=True)
     summary, log_file = folder / f"{name}.json", folder / f"{name}.log"
     options = Options(seed, folder, name, True, 20.0, 0, None)
     world = World(scene, scenario)

@@ -5,18 +5,22 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-import shutil
 import sys
+import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from pathlib import Path
 
 from sim_bridge.errors import BridgeError
 from sim_bridge.experiments.episode import Experiment, Settings, run_episode
 from sim_bridge.experiments.page import page
 from sim_bridge.experiments.verdict import Verdict, verdicts
+from sim_bridge.files import check, make_folder, write
 
 SCHEMA = "tprmp-experiments-arm/1"
+RESULT_FILE = "arm.json"
+PAGE_FILE = "arm.html"
 
 
 EXPERIMENTS = (
@@ -33,6 +37,9 @@ def experiments(settings: Settings) -> int:
     for file in (settings.controller, settings.model):
         if not file.exists():
             raise BridgeError(f"{file}: no such file: `make experiments-arm` makes it")
+    make_folder(settings.out)
+    for name in (RESULT_FILE, PAGE_FILE):
+        check(settings.out / name, force=settings.force)
     jobs = []
     for experiment in EXPERIMENTS:
         if settings.only and experiment.name not in settings.only:
@@ -42,8 +49,8 @@ def experiments(settings: Settings) -> int:
         print(f"{experiment.name}: {count} scenarios, seeds {seeds[0]} to {seeds[-1]}")
         jobs += [(experiment, seed) for seed in seeds]
     began = time.monotonic()
-    rows = _run(jobs, settings)
-    shutil.rmtree(settings.running, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix=".running-", dir=settings.out) as running:
+        rows = _run(jobs, replace(settings, running=Path(running)))
     order = [experiment.name for experiment in EXPERIMENTS]
     rows.sort(key=lambda row: (order.index(row["experiment"]), row["seed"]))
     found = verdicts(rows)
@@ -57,9 +64,10 @@ def experiments(settings: Settings) -> int:
         "rows": rows,
     }
     text = json.dumps(values, indent=1)
-    (settings.out / "arm.json").write_text(text + "\n", encoding="utf-8")
+    # The folder is this run's by now.
+    write(settings.out / RESULT_FILE, text + "\n", force=True)
     html = page(rows, traces, found, quick=settings.quick)
-    (settings.out / "arm.html").write_text(html, encoding="utf-8")
+    write(settings.out / PAGE_FILE, html, force=True)
     _print_summary(rows, found, took_s, settings.out)
     return 0 if all(verdict.holds for verdict in found) else 1
 
@@ -98,7 +106,7 @@ def _print_summary(rows: list[dict], found: list[Verdict], took_s: float, out: P
     for verdict in found:
         holds = "holds" if verdict.holds else "FAILS"
         print(f"  {holds}  {verdict.experiment}: {verdict.must}: {verdict.measured}")
-    print(f"results: {out / 'arm.json'}, report: {out / 'arm.html'}")
+    print(f"results: {out / RESULT_FILE}, report: {out / PAGE_FILE}")
 
 
 def workers_of_this_machine() -> int:

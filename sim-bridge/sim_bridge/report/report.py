@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from sim_bridge.errors import BridgeError
+from sim_bridge.files import write
 from sim_bridge.report import page, plots
 from sim_bridge.report.figures import Run, load_run, result, table
 from sim_bridge.report.page import Figure
@@ -46,20 +46,14 @@ def report(folder: Path, detail: Detail | None = None) -> int:
     values = result(run)
     rows = table(run, values)
     _print(run, values, rows)
-    _write(folder / RESULT_FILE, (json.dumps(values, indent=1) + "\n").encode())
+    # Judged and drawn anew: a report is no record of anything.
+    write(folder / RESULT_FILE, json.dumps(values, indent=1) + "\n", force=True)
     # The figures are there by now, whatever becomes of the pictures.
     figures, picture = _draw(run, values, detail or Detail())
-    _write(folder / PICTURE_FILE, picture)
-    _write(folder / PAGE_FILE, page.page(run, values, rows, figures).encode())
+    write(folder / PICTURE_FILE, picture, force=True)
+    write(folder / PAGE_FILE, page.page(run, values, rows, figures), force=True)
     print(f"report: {folder / PAGE_FILE}")
     return 0 if values["success"] else 1
-
-
-def _write(file: Path, content: bytes) -> None:
-    try:
-        file.write_bytes(content)
-    except OSError as error:
-        raise BridgeError(f"{file}: cannot be written: {error.strerror}") from error
 
 
 def _print(run: Run, values: dict, rows: list[tuple[str, str, str]]) -> None:

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use tprmp_files::{Draft, Existing, WriteError};
 
 use crate::ron_text::{compact, entries};
 use crate::skill_model::model::SkillModel;
@@ -70,13 +71,8 @@ pub enum ModelError {
         problem: String,
     },
     /// The file cannot be written.
-    #[error("model file `{path}` cannot be written: {source}")]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Write(#[from] WriteError),
 }
 
 #[derive(Deserialize)]
@@ -148,27 +144,18 @@ pub fn to_text(model: &SkillModel) -> String {
     text
 }
 
-/// Validates and writes a model file: first beside its final place, then moved there, so that a
-/// reader never meets half a file. What was written is read back.
+/// Validates and writes a model file, in place of one that is there. What was written is read back
+/// before it gets its name.
 ///
 /// # Errors
 /// [`ModelError`], naming the file: a value breaks a rule, or the file cannot be written.
 pub fn write(model: &SkillModel, path: &Path) -> Result<(), ModelError> {
     validated(model, path)?;
-    let text = to_text(model);
-    let error = |source| ModelError::Write { path: path.into(), source };
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(format!(".{}.partial", std::process::id()));
-    let beside = PathBuf::from(beside);
-    let moved = std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, path));
-    if let Err(source) = moved {
-        // The half-written file is of no use; that it may be absent is no second error.
-        let _ = std::fs::remove_file(&beside);
-        return Err(error(source));
-    }
-    let back = read(path)?;
+    let mut draft = Draft::open(path, Existing::Replace)?;
+    draft.put(to_text(model))?;
+    let back = read(draft.temporary())?;
     assert!(back == *model, "the model read back is the one that was written");
-    Ok(())
+    Ok(draft.keep()?)
 }
 
 /// SHA-256 of some bytes, hexadecimal.

@@ -16,6 +16,11 @@ type Violation = (String, String);
 /// Relative tolerance of symmetry, of the goal's identity metric and of unit quaternions.
 const TOLERANCE: f64 = 1e-9;
 
+/// Refuses what is no [`tprmp_files::Name`]: it becomes part of file names and pages.
+fn name(key: &str, text: &str) -> Result<(), Violation> {
+    tprmp_files::name::check(text).map_err(|error| (key.into(), error.to_string()))
+}
+
 impl SkillModel {
     /// Checks every rule of the model: dimensions, finiteness, definiteness, unit quaternions.
     pub(super) fn validate(&self) -> Result<(), Violation> {
@@ -25,7 +30,10 @@ impl SkillModel {
             ("start_frame", &self.start_frame),
             ("goal_frame", &self.goal_frame),
         ] {
-            require(!name.is_empty(), key, || "expected a name, found an empty one".into())?;
+            self::name(key, name)?;
+        }
+        for (i, source) in self.provenance.demonstrations.iter().enumerate() {
+            name(&format!("provenance.demonstrations[{i}].file"), &source.file)?;
         }
         let canonical = &self.canonical;
         pose("canonical.start", &canonical.start)?;
@@ -62,7 +70,8 @@ impl SkillModel {
                 })?;
             }
             let twice = self.frames[..p].iter().any(|other| other.name == frame.name);
-            require(!frame.name.is_empty() && !twice, format!("{key}.name"), || {
+            name(&format!("{key}.name"), &frame.name)?;
+            require(!twice, format!("{key}.name"), || {
                 format!("expected a name of its own, found `{}`", frame.name)
             })?;
             let (found, expected) = (frame.gaussians.len(), self.gaussians.len());
