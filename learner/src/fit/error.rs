@@ -40,6 +40,9 @@ pub enum Reason {
     /// It ended without one.
     #[error("{0:?}")]
     Ended(SolverStatus),
+    /// A matrix of the program is not positive definite.
+    #[error("{0} is not positive definite")]
+    Singular(&'static str),
     /// It did not begin: numbers that are not finite end here.
     #[error(transparent)]
     Refused(#[from] SolverError),
