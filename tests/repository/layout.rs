@@ -47,6 +47,7 @@ fn every_room_has_a_readme_of_one_screen() {
         "benches",
         "config",
         "controller",
+        "controller/files",
         "controller/messages",
         "controller/model",
         "controller/rmpflow",
