@@ -21,6 +21,8 @@ pub const JOINTS_MIN: usize = 2;
 /// Most movable joints of a chain.
 pub const JOINTS_MAX: usize = 8;
 
+/// Largest file [bytes]; descriptions of whole humanoids have some hundred thousand.
+const BYTES_MAX: u64 = 8 << 20;
 // Larger numbers are typing errors, or made to overflow: far beyond any arm, and products of several stay finite.
 /// Largest mass of a link [kg].
 const MASS_MAX_KG: f64 = 1e5;
@@ -92,7 +94,7 @@ impl From<&str> for Selection {
 
 /// Reads and parses the file.
 pub(crate) fn read(file: &Path) -> Result<Robot, Kind> {
-    let text = std::fs::read_to_string(file).map_err(Kind::NotReadable)?;
+    let text = tprmp_files::read_text(file, BYTES_MAX).map_err(Kind::NotReadable)?;
     document::check(&text)?;
     urdf_rs::read_from_string(&text).map_err(|error| Kind::NotUrdf(error.to_string()))
 }

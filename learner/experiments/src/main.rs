@@ -15,6 +15,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
+    tprmp_files::report_panics("experiments", env!("CARGO_PKG_VERSION"));
     match run(&Arguments::parse().options) {
         Ok(text) => {
             // A reader that has gone away is no reason to fail: the report is written.

@@ -5,14 +5,13 @@
 
 use nalgebra::{SMatrix, SVector};
 use rand::Rng;
-use tprmp_model::skill_model::{FieldModel, Figure, Program, ProgramFit};
+use tprmp_model::skill_model::{FieldModel, Figure, Program, ProgramFit, valley};
 use tprmp_rmpflow::policy::canonical::field::Component;
 
 use crate::fit::basis::Shape;
 use crate::fit::error::{NotSolved, Reason};
 use crate::fit::program::FieldProgram;
 use crate::fit::targets::{BlockPath, Guide, targets};
-use crate::fit::valley;
 use crate::skill::FieldSettings;
 
 /// A fitted field in normalised coordinates.

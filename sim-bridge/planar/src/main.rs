@@ -111,6 +111,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    tprmp_files::report_panics("planar-sim", env!("CARGO_PKG_VERSION"));
     match execute(Arguments::parse().command) {
         Ok(code) => code,
         Err(error) => {
