@@ -73,6 +73,9 @@ fn tables_that_are_wide_or_long() {
     let some: String = (0..2000).map(|i| format!("c{i},")).collect();
     let message = refused("some.csv", format!("{some}\n").as_bytes());
     assert!(message.contains("at most 1000 columns, found 2001"), "{message}");
+    let quoted = format!("time_s,x_m,y_m\n{}", "\"\n\",".repeat(1000));
+    let message = refused("quoted.csv", quoted.as_bytes());
+    assert!(message.contains("line 2: expected quotes that end in their line"), "{message}");
     let rows: String = (0..600_002).map(|i| format!("{i},1,2\n")).collect();
     let message = refused("long.csv", format!("time_s,x_m,y_m\n{rows}").as_bytes());
     assert!(message.contains("line 600003: expected at most 600001 rows"), "{message}");
@@ -110,7 +113,7 @@ fn archives_of_many_or_large_arrays() {
     npy.extend((header.len() as u16).to_le_bytes());
     npy.extend(header.as_bytes());
     let message = refused("shape.npz", &archive(1, &npy));
-    assert!(message.contains("found 9000000000×7"), "{message}");
+    assert!(message.contains("by its shape, found 9000000000×7"), "{message}");
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! A short run of the fuzz targets: good files, damaged at random from a fixed seed, and what was found before.
+//! A short run of the fuzz targets: good files, damaged at random from fixed seeds, and what was found before.
+//! `TPRMP_FUZZ_CASES=100000` runs longer, without a nightly compiler.
 
 mod targets;
 
@@ -9,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 
 use targets::{TARGETS, Target};
 
-/// Damaged files a target.
+/// Damaged files a target, unless `TPRMP_FUZZ_CASES` says otherwise.
 const CASES: usize = 400;
 /// What numbers, brackets and bytes are replaced by.
 const DICTIONARY: [&[u8]; 16] = [
@@ -78,7 +79,8 @@ fn run(target: &Target) {
         (target.run)(&read(file));
     }
     let good: Vec<Vec<u8>> = good.iter().map(read).collect();
-    for seed in 0..CASES {
+    let cases = std::env::var("TPRMP_FUZZ_CASES").map_or(CASES, |n| n.parse().unwrap());
+    for seed in 0..cases {
         let mut random = ChaCha8Rng::seed_from_u64(seed as u64);
         let data = damaged(&good[seed % good.len()], &mut random);
         let outcome = std::panic::catch_unwind(|| (target.run)(&data));

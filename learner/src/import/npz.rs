@@ -212,7 +212,9 @@ fn parse(bytes: &[u8]) -> Result<Array, String> {
         ref axes => return Err(format!("expected one or two axes, found shape {axes:?}")),
     };
     if rows.checked_mul(columns).is_none_or(|count| count > NUMBERS_MAX as u64) {
-        return Err(format!("expected at most {NUMBERS_MAX} numbers, found {rows}×{columns}"));
+        return Err(format!(
+            "expected at most {NUMBERS_MAX} numbers by its shape, found {rows}×{columns}"
+        ));
     }
     let descr = header.dtype().descr();
     let numbers: Vec<f64> = match descr.trim_matches('\'') {

@@ -86,13 +86,20 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, File
     })
 }
 
-/// Refuses a line of more columns than a recording has before it is taken apart.
+/// Refuses a line of more columns than a recording has before it is taken apart, and one that ends in
+/// quotes: a row of any length could follow.
 fn check_lines(bytes: &[u8]) -> Result<(), (String, String)> {
-    let mut lines = bytes.split(|byte| *byte == b'\n').enumerate();
-    lines.find(|(_, line)| line.len() > LINE_MAX).map_or(Ok(()), |(i, line)| {
-        let problem = format!("expected at most {LINE_MAX} bytes, found {}", line.len());
-        Err((format!("line {}", i + 1), problem))
-    })
+    for (i, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
+        let place = || format!("line {}", i + 1);
+        if line.len() > LINE_MAX {
+            let found = line.len();
+            return Err((place(), format!("expected at most {LINE_MAX} bytes, found {found}")));
+        }
+        if line.iter().filter(|byte| **byte == b'"').count() % 2 == 1 {
+            return Err((place(), "expected quotes that end in their line".into()));
+        }
+    }
+    Ok(())
 }
 
 /// A column's name and its place in a row.
