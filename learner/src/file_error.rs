@@ -49,7 +49,7 @@ impl FileError {
         Self::Input {
             path: path.into(),
             place: format!("line {line}, column {column}"),
-            problem: problem.into(),
+            problem: tprmp_files::shortened(&problem.into()),
         }
     }
 }

@@ -13,21 +13,21 @@ use tprmp_model::{controller_config, skill_model};
 use tprmp_robot::{Chain, ControlPoints, count_joints};
 
 /// A reader, and where good files for it are.
-pub struct Target {
+pub(crate) struct Target {
     /// Its name, and that of its folder in `corpus`.
-    pub name: &'static str,
+    pub(crate) name: &'static str,
     /// What is done with the bytes.
-    pub run: fn(&[u8]),
+    pub(crate) run: fn(&[u8]),
     /// A folder of the repository with good files …
     #[allow(dead_code, reason = "for the ordinary test")]
-    pub seeds: &'static str,
+    pub(crate) seeds: &'static str,
     /// … of this extension.
     #[allow(dead_code, reason = "for the ordinary test")]
-    pub extension: &'static str,
+    pub(crate) extension: &'static str,
 }
 
 /// All of them.
-pub const TARGETS: [Target; 10] = [
+pub(crate) const TARGETS: [Target; 10] = [
     Target { name: "urdf", run: urdf, seeds: "config/robots", extension: "urdf" },
     Target { name: "model", run: model, seeds: "learner/tests/golden", extension: "ron" },
     Target {

@@ -10,5 +10,5 @@ pub mod write;
 pub use name::{Name, NameError};
 pub use panics::report_panics;
 pub use printable::printable;
-pub use read::{ReadProblem, read, read_text};
+pub use read::{ReadProblem, read, read_text, shortened};
 pub use write::{Draft, Existing, WriteError, write};

@@ -84,6 +84,16 @@ pub fn read_text(path: &Path, bytes_max: u64) -> io::Result<String> {
     text.map_err(|error| ReadProblem::NotText(error.utf8_error().valid_up_to()).into())
 }
 
+/// The beginning of a parser's message, which may repeat whatever it met.
+#[must_use]
+pub fn shortened(message: &str) -> String {
+    const CHARACTERS_MAX: usize = 500;
+    match message.char_indices().nth(CHARACTERS_MAX) {
+        Some((end, _)) => format!("{}…", &message[..end]),
+        None => message.to_owned(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -113,6 +123,12 @@ mod tests {
         assert_eq!(maps.kind(), ErrorKind::FileTooLarge);
         assert!(maps.to_string().ends_with("found more"));
         assert_eq!(read(Path::new("/no/such"), 1).unwrap_err().kind(), ErrorKind::NotFound);
+    }
+
+    #[test]
+    fn a_long_message_is_shortened_between_characters() {
+        assert_eq!(shortened("short"), "short");
+        assert_eq!(shortened(&"ü".repeat(1000)).chars().count(), 501);
     }
 
     #[test]

@@ -212,6 +212,9 @@ pub(crate) fn entries(text: &str) -> Vec<Entry> {
                 let Some(key) = before.filter(Token::is_word) else { continue };
                 let dot = if top.path.is_empty() { "" } else { "." };
                 let path = format!("{}{dot}{}", top.path, key.text);
+                if path.len() > PATH_MAX {
+                    break;
+                }
                 let value = tokens.get(i + 1).map_or(text.len(), |next| next.start)..text.len();
                 (top.has_keys, top.entry) = (true, Some(entries.len()));
                 entries.push(Entry { path, key: key.start..key.end(), value, group: None });

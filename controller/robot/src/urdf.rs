@@ -22,7 +22,7 @@ pub const JOINTS_MIN: usize = 2;
 pub const JOINTS_MAX: usize = 8;
 
 /// Largest file [bytes]; descriptions of whole humanoids have some hundred thousand.
-const BYTES_MAX: u64 = 8 << 20;
+const BYTES_MAX: u64 = 4 << 20;
 // Larger numbers are typing errors, or made to overflow: far beyond any arm, and products of several stay finite.
 /// Largest mass of a link [kg].
 const MASS_MAX_KG: f64 = 1e5;
@@ -96,7 +96,8 @@ impl From<&str> for Selection {
 pub(crate) fn read(file: &Path) -> Result<Robot, Kind> {
     let text = tprmp_files::read_text(file, BYTES_MAX).map_err(Kind::NotReadable)?;
     document::check(&text)?;
-    urdf_rs::read_from_string(&text).map_err(|error| Kind::NotUrdf(error.to_string()))
+    urdf_rs::read_from_string(&text)
+        .map_err(|error| Kind::NotUrdf(tprmp_files::shortened(&error.to_string())))
 }
 
 /// Where a link is fixed: the joint that moves it (none: the base) and its placement in that frame.

@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde::de::IgnoredAny;
+use tprmp_files::shortened;
 
 use crate::controller_config::error::{ConfigError, Fault, Problem};
 use crate::renamed::renamed_keys;
@@ -45,7 +46,7 @@ impl Source {
         let syntax = options().from_str::<IgnoredAny>(&self.text).err().map(|error| {
             let start = error.span.start;
             let at = byte(&self.text, start.line, start.col);
-            self.fault(at, None, Problem::Syntax(error.code.to_string()))
+            self.fault(at, None, Problem::Syntax(shortened(&error.code.to_string())))
         });
         syntax.into_iter().chain(renamed).collect()
     }
@@ -264,7 +265,7 @@ impl Layers {
                 };
                 let innermost = entries.iter().skip(1).rfind(is_it);
                 let key = innermost.map(|entry| entry.path.as_str());
-                (source.fault(from, key, Problem::Syntax(code.to_string())), false)
+                (source.fault(from, key, Problem::Syntax(shortened(&code.to_string()))), false)
             }
         }
     }

@@ -120,7 +120,7 @@ fn parse(text: &str, path: &Path) -> Result<SkillModel, ModelError> {
     let syntax = |error: ron::error::SpannedError| ModelError::Syntax {
         path: path.into(),
         position: format!("line {}, column {}", error.span.start.line, error.span.start.col),
-        problem: error.code.to_string(),
+        problem: tprmp_files::shortened(&error.code.to_string()),
     };
     // The header first: a body of another version need not parse.
     let header: Header = ron::from_str(text).map_err(syntax)?;
