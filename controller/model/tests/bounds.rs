@@ -109,7 +109,7 @@ fn text_that_is_nested_repeated_or_not_utf_8() {
         "(a:".repeat(50_000).into_bytes(),
         "[".repeat(200_000).into_bytes(),
         "(schema: Some(".repeat(10_000).into_bytes(),
-        format!("({})", "bends: 1, ".repeat(20_000)).into_bytes(),
+        format!("({})", "onset_s: 1, ".repeat(20_000)).into_bytes(),
         format!("({})", "a: 1, ".repeat(40_000)).into_bytes(),
         long_key.into_bytes(),
         format!("(base: \"ur5.ron\", {})", "cycle: (), ".repeat(1500)).into_bytes(),
