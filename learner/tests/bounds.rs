@@ -14,7 +14,7 @@ use tprmp_learner::skill::Skill;
 /// What importing these bytes says.
 fn refused(name: &str, bytes: &[u8]) -> String {
     let folder = Folder::new(&format!("bounds-{name}"));
-    let path = folder.write(name, "");
+    let path = folder.path().join(name);
     std::fs::write(&path, bytes).unwrap();
     let selection = Selection { skill: Some("made_up".into()), ..Selection::default() };
     let message = load(&path, &selection).unwrap_err().to_string();

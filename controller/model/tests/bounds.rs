@@ -48,7 +48,7 @@ fn a_certificate_of_another_model_is_found() {
         }),
         ("goal_hessian_min_1_s2", |m| m.certificate.blocks[0].goal_hessian_min_1_s2 = 1.0),
         ("metric_eigenvalue_max", |m| {
-            m.certificate.blocks[0].metric_eigenvalue_max = f64::INFINITY
+            m.certificate.blocks[0].metric_eigenvalue_max = f64::INFINITY;
         }),
         ("valley", |m| m.certificate.blocks[0].valley = None),
         ("certificate.blocks", |m| m.certificate.blocks.clear()),

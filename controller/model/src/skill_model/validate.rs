@@ -255,8 +255,7 @@ fn require(
 }
 
 fn finite(key: &str, values: &[f64]) -> Result<(), Violation> {
-    // Not a number is not within anything.
-    match values.iter().find(|x| !(x.abs() <= NUMBER_MAX)) {
+    match values.iter().find(|x| !x.is_finite() || x.abs() > NUMBER_MAX) {
         None => Ok(()),
         Some(x) if x.is_finite() => {
             Err((key.into(), format!("expected numbers within {NUMBER_MAX:e}, found {x:e}")))
