@@ -69,6 +69,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    tprmp_files::report_panics("controller", env!("CARGO_PKG_VERSION"));
     match Arguments::parse().command {
         Command::Run(run) => exit(run.run()),
         Command::Check { config, model } => exit(check::check(&config, &model)),

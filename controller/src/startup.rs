@@ -235,6 +235,7 @@ fn load_skill(
     let policy = model.policy().map_err(|error| {
         mismatch("policy", format!("a policy where {error}"), "a loop that evaluates it".into())
     })?;
+    skill_model::verify(&model, &policy, model_path)?;
     Ok(LoadedSkill { model, policy })
 }
 

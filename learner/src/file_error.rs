@@ -51,12 +51,13 @@ impl FileError {
         Self::Input {
             path: path.into(),
             place: format!("line {line}, column {column}"),
-            problem: problem.into(),
+            problem: tprmp_files::shortened(&problem.into()),
         }
     }
 }
 
-/// Reads a text file.
-pub fn read_text(path: &Path) -> Result<String, FileError> {
-    std::fs::read_to_string(path).map_err(|source| FileError::Read { path: path.into(), source })
+/// Reads a text file of at most `bytes_max`.
+pub fn read_text(path: &Path, bytes_max: u64) -> Result<String, FileError> {
+    tprmp_files::read_text(path, bytes_max)
+        .map_err(|source| FileError::Read { path: path.into(), source })
 }

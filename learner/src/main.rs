@@ -154,6 +154,7 @@ fn range(text: &str) -> Result<(usize, usize), String> {
 }
 
 fn main() -> ExitCode {
+    tprmp_files::report_panics("learner", env!("CARGO_PKG_VERSION"));
     match run(Arguments::parse().command) {
         Ok(()) => exit_code(true),
         Err(error) => {

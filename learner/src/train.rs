@@ -15,7 +15,7 @@ use crate::certify::policy::LearnedPolicy;
 use crate::demonstration::{Demonstration, plausibility, read_folder};
 use crate::file_error::FileError;
 use crate::fit::thesis::ThesisFit;
-use crate::fit::{self, FitError};
+use crate::fit::{self, FitError, Reason};
 use crate::mixture::MixtureError;
 use crate::mixture::components::{Choice, ChoiceError, Components, choose};
 use crate::mixture::tp_gmm::{Samples, TpGmm, uninformative_frames};
@@ -23,6 +23,9 @@ use crate::skill::{FitSettings, Skill};
 
 /// A demonstration is warned of when it is left by more than this fraction of the skill's span.
 const PATH_FRACTION_MAX: f64 = 0.05;
+
+/// With more demonstrations none is left out to see whether it causes a failure.
+const DIAGNOSED_MAX: usize = 32;
 
 /// Why there is no model.
 #[derive(Debug, thiserror::Error)]
@@ -302,13 +305,16 @@ fn stored_canonical(
 }
 
 /// Leave-one-out diagnosis: a program that is not solved names the demonstrations without any one of
-/// which it is.
+/// which it is. Numbers that a program cannot begin with are the settings', and each try takes as long as a fit.
 fn diagnosed<T>(
     mut fitted: Result<T, TrainError>,
     names: &[&str],
     is_solved_without: impl Fn(usize) -> bool,
 ) -> Result<T, TrainError> {
-    if let Err(TrainError::Fit(FitError::NotSolved(failed))) = &mut fitted {
+    if let Err(TrainError::Fit(FitError::NotSolved(failed))) = &mut fitted
+        && matches!(failed.reason, Reason::Ended(_))
+        && names.len() <= DIAGNOSED_MAX
+    {
         let causes = (0..names.len()).filter(|i| names.len() == 1 || is_solved_without(*i));
         failed.causes = causes.map(|i| names[i].to_owned()).collect();
     }
@@ -342,7 +348,7 @@ mod tests {
     use tprmp_model::skill_model::Program;
 
     use super::*;
-    use crate::fit::{NotSolved, Reason};
+    use crate::fit::NotSolved;
 
     #[test]
     fn the_demonstration_without_which_a_program_is_solved_is_named() {

@@ -134,4 +134,43 @@ proptest! {
             Err(error) => prop_assert!(!error.to_string().is_empty()),
         }
     }
+
+    #[test]
+    fn settings_of_all_sizes_never_panic(
+        template in prop::sample::select(vec![
+            ("planar.ron", Manifold::R2), ("planar_thesis.ron", Manifold::R2),
+            ("pick.ron", Manifold::R3S3),
+        ]),
+        changes in prop::collection::vec((any::<prop::sample::Index>(), number()), 1..3),
+    ) {
+        let (template, manifold) = template;
+        let folder = Folder::new("settings");
+        let mut demonstrated = arcs(manifold);
+        for demonstration in &mut demonstrated {
+            demonstration.poses = demonstration.poses.iter().copied().step_by(4).collect();
+            demonstration.sampling_time_s *= 4.0;
+        }
+        folder.demonstrations("demonstrated", &demonstrated);
+        let mut text = small_skill(template);
+        for (which, number) in &changes {
+            // Values with a point are numbers that are no counts.
+            let places: Vec<_> = text.match_indices(": ").map(|(at, _)| at + 2).filter(|at| {
+                let value = text[*at..].split([',', ')']).next().unwrap_or("");
+                value.parse::<f64>().is_ok() && value.contains(['.', 'e'])
+            }).collect();
+            let at = places[which.index(places.len())];
+            let end = at + text[at..].find([',', ')']).unwrap();
+            text.replace_range(at..end, &format!("{:e}", number.abs()));
+        }
+        let file = folder.write("skill.ron", &text);
+        match train(&file, Components::SkillFile, 1, &mut |_| {}) {
+            Ok(trained) => {
+                let path = folder.path().join("model.ron");
+                if let Err(error) = skill_model::write(&trained.model, &path) {
+                    prop_assert!(error.to_string().contains("key `"), "{}", error);
+                }
+            }
+            Err(error) => prop_assert!(!error.to_string().is_empty()),
+        }
+    }
 }

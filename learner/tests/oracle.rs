@@ -64,7 +64,7 @@ fn the_fit_agrees_with_an_independent_one() {
         gaussians.iter().map(|g| g.covariance.fixed_view::<3, 3>(0, 0).into_owned()).collect();
     let goal = Vector3::from(oracle.goal);
     assert!((mixture.phase_length - goal[2]).abs() < 1e-12);
-    let shape = shape(&means, &covariances, &goal, settings);
+    let shape = shape(&means, &covariances, &goal, settings).unwrap();
     for (component, (mean, metric)) in
         shape.bare().components().iter().zip(oracle.means.iter().zip(&oracle.metrics))
     {

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import random
+import stat
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -20,14 +22,41 @@ from sim_bridge.messages import NAME_CAPACITY
 _Settings = TypeVar("_Settings")
 
 
-def read_json(file: Path) -> object:
-    """What a JSON file holds; raises `BridgeError` naming the file."""
+# Largest file [bytes]: a scene has some thousand, the summary of a controller some ten thousand.
+BYTES_MAX = 4 << 20
+# Largest number: its square is finite, and no quantity of a scene is near it.
+NUMBER_MAX = 1e12
+
+
+def read_text(file: Path) -> str:
+    """The text of a file of at most 4 MiB; raises `BridgeError` naming the file."""
     try:
-        return json.loads(file.read_text(encoding="utf-8"))
+        # A pipe that nobody writes to would be waited for when it is opened.
+        descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with os.fdopen(descriptor, "rb") as stream:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                raise BridgeError(f"{file}: expected a file, found a device, a pipe or a folder")
+            content = stream.read(BYTES_MAX + 1)
     except OSError as error:
         raise BridgeError(f"{file}: cannot be read: {error.strerror}") from error
+    if len(content) > BYTES_MAX:
+        raise BridgeError(f"{file}: expected at most {BYTES_MAX} bytes, found more")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise BridgeError(
+            f"{file}: expected text in UTF-8, found something else from byte {error.start} on"
+        ) from error
+
+
+def read_json(file: Path) -> object:
+    """What a JSON file of at most 4 MiB holds; raises `BridgeError` naming the file."""
+    try:
+        return json.loads(read_text(file))
     except ValueError as error:
         raise BridgeError(f"{file}: is not JSON: {error}") from error
+    except RecursionError as error:
+        raise BridgeError(f"{file}: is nested deeper than any file of ours") from error
 
 
 @dataclass(frozen=True)
@@ -57,9 +86,9 @@ def key(expected: str, accepts: Callable, convert: Callable) -> object:
 
 
 def is_number(value: object) -> bool:
-    """Whether it is a finite number."""
+    """Whether it is a number that can be computed with: whole ones may be too large for a float."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return number and math.isfinite(value)
+    return number and abs(value) <= NUMBER_MAX
 
 
 def are_numbers(value: object, count: int) -> bool:

@@ -1,6 +1,8 @@
 """The scene file is checked, and a seed always draws the same."""
 
 import json
+import os
+from pathlib import Path
 
 import pytest
 
@@ -18,6 +20,7 @@ def load(tmp_path, values):
     ("section", "key", "value", "expected"),
     [
         ("physics", "rate_hz", "fast", "a number from 100 to 2000"),
+        ("physics", "rate_hz", 10**400, "a number from 100 to 2000"),
         ("physics", "rate_hz", True, "a number from 100 to 2000"),
         ("object", "size_m", [0.1, 0.1], "three numbers above 0"),
         ("object", "size_m", [0.1, 0.1, 0.0], "three numbers above 0"),
@@ -87,3 +90,33 @@ def test_velocities_are_the_derivatives_of_positions(scene, motion):
             for axis in range(3):
                 difference = (after.position_m[axis] - before.position_m[axis]) / (2 * h)
                 assert now.velocity_m_s[axis] == pytest.approx(difference, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"[" * 100_000, "nested deeper"),
+        (b" " * (5 << 20), "at most 4194304 bytes"),
+        (b'{"schema": "\xff"}', "UTF-8, found something else from byte 12 on"),
+        (b"[" + b"9" * 10_000 + b"]", "is not JSON"),
+    ],
+)
+def test_a_file_made_to_hurt_is_refused(tmp_path, content, expected):
+    file = tmp_path / "scene.json"
+    file.write_bytes(content)
+    with pytest.raises(BridgeError, match=r"scene\.json") as error:
+        load_scene(file)
+    assert expected in str(error.value)
+
+
+def test_devices_pipes_and_folders_are_no_scenes(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path, expected in [
+        (Path("/dev/zero"), "expected a file"),
+        (tmp_path / "pipe", "expected a file"),
+        (tmp_path, "directory"),
+    ]:
+        with pytest.raises(BridgeError) as error:
+            load_scene(path)
+        assert str(path) in str(error.value)
+        assert expected in str(error.value)

@@ -46,7 +46,10 @@ impl std::fmt::Display for RenamedKey {
     }
 }
 
-/// The keys of the last version in RON text, in its order.
+/// Most of them that are told at once.
+const TOLD_MAX: usize = 20;
+
+/// The keys of the last version in RON text, in its order; the first twenty, where there are more.
 #[must_use]
 pub fn renamed_keys(text: &str) -> Vec<RenamedKey> {
     let find = |entry: &crate::ron_text::Entry| {
@@ -55,7 +58,7 @@ pub fn renamed_keys(text: &str) -> Vec<RenamedKey> {
         let (line, column) = position(text, entry.key.start);
         Some(RenamedKey { line, column, old, new })
     };
-    entries(text).iter().filter_map(find).collect()
+    entries(text).iter().filter_map(find).take(TOLD_MAX).collect()
 }
 
 #[cfg(test)]

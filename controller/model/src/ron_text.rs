@@ -156,6 +156,9 @@ struct Open {
 /// Deeper brackets are not looked into: no file needs them, and the parser refuses them at the same depth.
 const DEPTH_MAX: usize = 128;
 
+/// Nor is what stands under longer paths [bytes]: each entry has its own.
+const PATH_MAX: usize = 1024;
+
 /// The keys of a text in its order. The first entry is the whole text, and has no key.
 pub(crate) fn entries(text: &str) -> Vec<Entry> {
     let tokens = tokens(text);
@@ -166,11 +169,11 @@ pub(crate) fn entries(text: &str) -> Vec<Entry> {
     let mut open = vec![outermost];
     for (i, token) in tokens.iter().enumerate() {
         let before = i.checked_sub(1).map(|before| tokens[before]);
-        let is_inside = open.len() > 1;
-        if open.len() > DEPTH_MAX {
+        let (is_inside, is_deep) = (open.len() > 1, open.len() > DEPTH_MAX);
+        let Some(top) = open.last_mut() else { break };
+        if is_deep || top.path.len() > PATH_MAX {
             break;
         }
-        let top = open.last_mut().expect("the outermost is never closed");
         match token.text {
             bracket @ ("(" | "[" | "{") => {
                 let is_round = bracket == "(";
@@ -186,7 +189,7 @@ pub(crate) fn entries(text: &str) -> Vec<Entry> {
                 open.push(Open { path, index, owner, has_keys: false, entry: None });
             }
             ")" | "]" | "}" if is_inside => {
-                let closed = open.pop().expect("it is longer than one");
+                let Some(closed) = open.pop() else { break };
                 let end = before.map_or(0, |token| token.end());
                 if let Some(entry) = closed.entry {
                     entries[entry].value.end = end;
@@ -209,6 +212,9 @@ pub(crate) fn entries(text: &str) -> Vec<Entry> {
                 let Some(key) = before.filter(Token::is_word) else { continue };
                 let dot = if top.path.is_empty() { "" } else { "." };
                 let path = format!("{}{dot}{}", top.path, key.text);
+                if path.len() > PATH_MAX {
+                    break;
+                }
                 let value = tokens.get(i + 1).map_or(text.len(), |next| next.start)..text.len();
                 (top.has_keys, top.entry) = (true, Some(entries.len()));
                 entries.push(Entry { path, key: key.start..key.end(), value, group: None });
@@ -274,5 +280,8 @@ mod tests {
         }
         // Deep ones too: nothing recurses.
         assert_eq!(entries(&"(a:".repeat(3_000)).len(), DEPTH_MAX);
+        // A long key over many short ones would be copied for each.
+        let long = format!("({}: ({}))", "a".repeat(500_000), "b: 1, ".repeat(80_000));
+        assert!(entries(&long).len() < 4);
     }
 }

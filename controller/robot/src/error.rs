@@ -22,6 +22,18 @@ pub enum UrdfErrorKind {
     /// The text is no URDF: the XML is broken, or an element or attribute is missing.
     #[error("expected a URDF document, found: {0}")]
     NotUrdf(String),
+    /// The document is larger than any robot's: made to hurt, or no robot.
+    #[error(
+        "line {line}: expected a robot of at most {most} {what}, found more; take out what is not the arm"
+    )]
+    TooMany {
+        /// Where the bound is reached.
+        line: usize,
+        /// What there is too much of.
+        what: &'static str,
+        /// The bound.
+        most: usize,
+    },
     /// Two links or two joints have the same name.
     #[error("{element} `{name}`: expected unique names, found it twice")]
     DuplicateName {
@@ -153,6 +165,22 @@ pub enum UrdfErrorKind {
         name: String,
         /// The URDF element.
         quantity: &'static str,
+        /// The number.
+        found: f64,
+    },
+    /// A number is larger than any arm's.
+    #[error(
+        "{element} `{name}`: {quantity}: expected at most {most:e} in SI units, found {found:e}"
+    )]
+    TooLarge {
+        /// `link` or `joint`.
+        element: &'static str,
+        /// Its name.
+        name: String,
+        /// The URDF element.
+        quantity: &'static str,
+        /// The bound.
+        most: f64,
         /// The number.
         found: f64,
     },

@@ -46,6 +46,7 @@
 mod chain;
 mod control_points;
 mod description;
+mod document;
 mod dynamics;
 mod error;
 mod inertia;

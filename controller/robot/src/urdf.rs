@@ -11,6 +11,7 @@ use crate::description::{
     ChainDescription, CollisionGeometry, CollisionShape, JointDescription, JointKind, JointLimits,
     JointModel,
 };
+use crate::document;
 use crate::error::{UrdfError, UrdfErrorKind as Kind};
 use crate::inertia::SpatialInertia;
 use crate::placement::Placement;
@@ -19,6 +20,24 @@ use crate::placement::Placement;
 pub const JOINTS_MIN: usize = 2;
 /// Most movable joints of a chain.
 pub const JOINTS_MAX: usize = 8;
+
+/// Largest file [bytes]; descriptions of whole humanoids have some hundred thousand.
+const BYTES_MAX: u64 = 4 << 20;
+// Larger numbers are typing errors, or made to overflow: far beyond any arm, and products of several stay finite.
+/// Largest mass of a link [kg].
+const MASS_MAX_KG: f64 = 1e5;
+/// Largest entry of a link's rotational inertia [kg m²].
+const INERTIA_MAX_KG_M2: f64 = 1e7;
+/// Largest coordinate and dimension [m].
+const LENGTH_MAX_M: f64 = 1e3;
+/// Largest angle of an origin [rad]: the sine of a larger one has lost its digits.
+const ANGLE_MAX_RAD: f64 = 1e6;
+/// Largest speed limit [rad/s or m/s].
+const SPEED_LIMIT_MAX: f64 = 1e6;
+/// Largest torque or force limit [N m or N].
+const EFFORT_LIMIT_MAX: f64 = 1e9;
+/// Position limits farther away than this are none [rad or m]; files write 1e16 for that.
+const POSITION_LIMIT_MAX: f64 = 1e18;
 
 /// Smallest principal moment accepted, as a factor of the largest: room for rounded figures.
 const PRINCIPAL_MOMENT_MIN: f64 = -1e-9;
@@ -75,8 +94,10 @@ impl From<&str> for Selection {
 
 /// Reads and parses the file.
 pub(crate) fn read(file: &Path) -> Result<Robot, Kind> {
-    let text = std::fs::read_to_string(file).map_err(Kind::NotReadable)?;
-    urdf_rs::read_from_string(&text).map_err(|error| Kind::NotUrdf(error.to_string()))
+    let text = tprmp_files::read_text(file, BYTES_MAX).map_err(Kind::NotReadable)?;
+    document::check(&text)?;
+    urdf_rs::read_from_string(&text)
+        .map_err(|error| Kind::NotUrdf(tprmp_files::shortened(&error.to_string())))
 }
 
 /// Where a link is fixed: the joint that moves it (none: the base) and its placement in that frame.
@@ -305,7 +326,7 @@ fn joint_kind(joint: &Joint) -> Result<Option<JointKind>, Kind> {
 }
 
 fn unit_axis(joint: &Joint) -> Result<DVec3, Kind> {
-    finite("joint", &joint.name, "axis xyz", &joint.axis.xyz.0)?;
+    bounded("joint", &joint.name, "axis xyz", &joint.axis.xyz.0, LENGTH_MAX_M)?;
     let axis = DVec3::from_array(joint.axis.xyz.0);
     axis.try_normalize().ok_or_else(|| Kind::ZeroAxis { joint: joint.name.clone() })
 }
@@ -320,7 +341,14 @@ fn joint_limits(joint: &Joint) -> Result<JointLimits, Kind> {
     let name = || joint.name.clone();
     let limit = &joint.limit;
     let numbers = [limit.lower, limit.upper, limit.velocity, limit.effort];
-    finite("joint", &joint.name, "limit", &numbers)?;
+    for (number, most) in numbers.iter().zip([
+        POSITION_LIMIT_MAX,
+        POSITION_LIMIT_MAX,
+        SPEED_LIMIT_MAX,
+        EFFORT_LIMIT_MAX,
+    ]) {
+        bounded("joint", &joint.name, "limit", &[*number], most)?;
+    }
     if numbers == [0.0; 4] {
         return Err(Kind::NoLimits { joint: name() });
     }
@@ -348,12 +376,13 @@ fn joint_limits(joint: &Joint) -> Result<JointLimits, Kind> {
 /// Inertia of a link in its own frame.
 fn link_inertia(link: &Link) -> Result<SpatialInertia, Kind> {
     let mass = link.inertial.mass.value;
-    finite("link", &link.name, "mass", &[mass])?;
+    bounded("link", &link.name, "mass", &[mass], MASS_MAX_KG)?;
     if mass < 0.0 {
         return Err(Kind::NegativeMass { link: link.name.clone(), found: mass });
     }
     let i = &link.inertial.inertia;
-    finite("link", &link.name, "inertia", &[i.ixx, i.ixy, i.ixz, i.iyy, i.iyz, i.izz])?;
+    let entries = [i.ixx, i.ixy, i.ixz, i.iyy, i.iyz, i.izz];
+    bounded("link", &link.name, "inertia", &entries, INERTIA_MAX_KG_M2)?;
     let rows = [[i.ixx, i.ixy, i.ixz], [i.ixy, i.iyy, i.iyz], [i.ixz, i.iyz, i.izz]];
     let moments = Matrix3::from(rows).symmetric_eigenvalues();
     if moments.min() < PRINCIPAL_MOMENT_MIN * moments.amax() {
@@ -367,7 +396,7 @@ fn link_inertia(link: &Link) -> Result<SpatialInertia, Kind> {
 /// Collision shapes of a link in its own frame.
 fn link_shapes(link: &Link) -> Result<Vec<(Placement, CollisionGeometry)>, Kind> {
     let dimension = |dimension, found: f64| {
-        finite("link", &link.name, "collision geometry", &[found])?;
+        bounded("link", &link.name, "collision geometry", &[found], LENGTH_MAX_M)?;
         if found > 0.0 {
             Ok(found)
         } else {
@@ -406,22 +435,30 @@ fn link_shapes(link: &Link) -> Result<Vec<(Placement, CollisionGeometry)>, Kind>
 
 /// The placement of an `<origin>`: rotation about x (roll), then y (pitch), then z (yaw) of the parent.
 fn placement(element: &'static str, name: &str, origin: &Pose) -> Result<Placement, Kind> {
-    finite(element, name, "origin xyz", &origin.xyz.0)?;
-    finite(element, name, "origin rpy", &origin.rpy.0)?;
+    bounded(element, name, "origin xyz", &origin.xyz.0, LENGTH_MAX_M)?;
+    bounded(element, name, "origin rpy", &origin.rpy.0, ANGLE_MAX_RAD)?;
     let [roll, pitch, yaw] = origin.rpy.0;
     let rotation =
         DMat3::from_rotation_z(yaw) * DMat3::from_rotation_y(pitch) * DMat3::from_rotation_x(roll);
     Ok(Placement { rotation, position: DVec3::from_array(origin.xyz.0) })
 }
 
-fn finite(
+/// Refuses what is not finite, or larger than `most`.
+fn bounded(
     element: &'static str,
     name: &str,
     quantity: &'static str,
     numbers: &[f64],
+    most: f64,
 ) -> Result<(), Kind> {
-    match numbers.iter().find(|number| !number.is_finite()) {
-        None => Ok(()),
-        Some(&found) => Err(Kind::NotFinite { element, name: name.to_owned(), quantity, found }),
-    }
+    // Not a number is not at most anything.
+    let beyond = numbers.iter().find(|number| !number.is_finite() || number.abs() > most);
+    beyond.map_or(Ok(()), |&found| {
+        let name = name.to_owned();
+        Err(if found.is_finite() {
+            Kind::TooLarge { element, name, quantity, most, found }
+        } else {
+            Kind::NotFinite { element, name, quantity, found }
+        })
+    })
 }

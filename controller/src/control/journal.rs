@@ -8,7 +8,11 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
+use tprmp_files::{Existing, read_text, write};
 use tprmp_spatial::Pose;
+
+/// Largest journal \[bytes\].
+const BYTES_MAX: u64 = 4096;
 
 /// Why there is no journal.
 #[derive(Debug, Error)]
@@ -89,8 +93,10 @@ impl Journal {
     pub fn begin(folder: &Path) -> Result<(Self, Option<Entry>), JournalError> {
         let path = folder.join("controller.journal");
         // What cannot be understood was left behind all the same.
-        let last = std::fs::read_to_string(&path).ok();
-        let last = last.map(|text| serde_json::from_str(&text).unwrap_or_default());
+        let last = path.exists().then(|| {
+            let text = read_text(&path, BYTES_MAX).unwrap_or_default();
+            serde_json::from_str(&text).unwrap_or_default()
+        });
         let mut journal = Self { path, written: last.unwrap_or_default() };
         let written = journal.write(&journal.written.clone());
         written.map_err(|source| JournalError { path: journal.path.clone(), source })?;
@@ -107,9 +113,7 @@ impl Journal {
 
     fn write(&mut self, entry: &Entry) -> io::Result<()> {
         let text = serde_json::to_string(entry).map_err(io::Error::other)?;
-        let beside = self.path.with_extension("new");
-        std::fs::write(&beside, text)?;
-        std::fs::rename(&beside, &self.path)?;
+        write(&self.path, text, Existing::Replace).map_err(io::Error::other)?;
         self.written = *entry;
         Ok(())
     }

@@ -149,9 +149,7 @@ impl<const N: usize> Work<N> {
         let _ = self.old.try_recv();
         let written = self.journal.update(&self.shared.task.load());
         if let (Err(error), false) = (&written, self.journal_failed) {
-            errln!(
-                "controller: the journal cannot be written ({error}): the arm is not affected"
-            );
+            errln!("controller: the journal cannot be written ({error}): the arm is not affected");
         }
         self.journal_failed = written.is_err();
     }

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use tprmp_learner::canonical::{DemonstrationError, moving_ranges};
-use tprmp_learner::demonstration::{Demonstration, SCHEMA, read};
+use tprmp_learner::demonstration::{BYTES_MAX, Demonstration, SCHEMA, read};
 use tprmp_learner::file_error::{FileError, read_text};
 use tprmp_learner::import::{Selection, load};
 use tprmp_learner::skill::Skill;
@@ -140,7 +140,7 @@ fn has_extension(path: &Path, extension: &str) -> bool {
 }
 
 fn header(path: &Path) -> Result<Header, FileError> {
-    serde_json::from_str(&read_text(path)?)
+    serde_json::from_str(&read_text(path, BYTES_MAX)?)
         .map_err(|e| FileError::syntax(path, e.line(), e.column(), e.to_string()))
 }
 

@@ -16,6 +16,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
+    tprmp_files::report_panics("experiments", env!("CARGO_PKG_VERSION"));
     match run(&Arguments::parse().options) {
         Ok(text) => {
             out(format_args!("{text}"));

@@ -178,13 +178,15 @@ impl<'a> Regression<'a> {
     }
 
     /// Solves the normal equations, whose matrix is a Kronecker product plus λ.
-    fn solve(&self, of: &[usize], ridge: f64) -> Solution {
+    ///
+    /// `None` when λ is too small for it.
+    fn solve(&self, of: &[usize], ridge: f64) -> Option<Solution> {
         let fraction = 1.0 / of.len() as f64;
         let size = 3 * self.parts.len();
         let input =
             of.iter().fold(DVector::zeros(size), |sum, i| sum + &self.inputs[*i]) * fraction;
         if size == 0 {
-            return Solution { input, weights: DMatrix::zeros(0, 3) };
+            return Some(Solution { input, weights: DMatrix::zeros(0, 3) });
         }
         let mean = of.iter().fold(DMatrix::zeros(SPLINES, 3), |sum, i| sum + &self.projected[*i]);
         let mean = mean * fraction;
@@ -199,11 +201,12 @@ impl<'a> Regression<'a> {
         for i in 0..matrix.nrows() {
             matrix[(i, i)] += ridge;
         }
-        let factor = matrix.cholesky().expect("λ makes it positive definite");
-        Solution { input, weights: factor.solve(&right) }
+        let factor = matrix.cholesky()?;
+        Some(Solution { input, weights: factor.solve(&right) })
     }
 
-    /// How far each demonstration lies from what the others predict [ŷ, rms over all].
+    /// How far each demonstration lies from what the others predict [ŷ, rms over all]; infinite without
+    /// a solution.
     fn prediction_error(&self, ridge: f64) -> f64 {
         if self.paths.len() < 2 {
             return 0.0;
@@ -211,7 +214,7 @@ impl<'a> Regression<'a> {
         let mut sum = 0.0;
         for (i, path) in self.paths.iter().enumerate() {
             let others = self.others(Some(i));
-            let solution = self.solve(&others, ridge);
+            let Some(solution) = self.solve(&others, ridge) else { return f64::INFINITY };
             let away = &self.inputs[i] - &solution.input;
             // Σ_a W_{a j} (u − ū)_a for each j.
             let shifted: Vec<DVec3> = (0..SPLINES)
@@ -242,7 +245,7 @@ impl<'a> Regression<'a> {
         scale: f64,
         coefficients: &mut [Coefficients; SPLINES],
     ) {
-        let solution = self.solve(&self.others(None), ridge);
+        let Some(solution) = self.solve(&self.others(None), ridge) else { return };
         for (j, matrix) in coefficients.iter_mut().enumerate() {
             for (k, part) in self.parts.iter().enumerate() {
                 for a in 0..3 {

@@ -3,11 +3,10 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use tprmp_model::skill_model::{Certificate, DemonstrationRollout, Rollouts};
+use tprmp_model::skill_model::{Certificate, DemonstrationRollout, Rollouts, blocks};
 use tprmp_spatial::Pose;
 
 use crate::canonical::{CanonicalDemonstration, CanonicalSet};
-use crate::certify::blocks::blocks;
 use crate::certify::failures::failures;
 use crate::certify::policy::{Body, LearnedPolicy};
 use crate::certify::rollout::{Outcome, RolloutSpec, Target, follow};

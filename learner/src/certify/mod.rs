@@ -1,6 +1,5 @@
 //! Step 4, the certificate: what can be proved of a fitted policy, and what rollouts show.
 
-mod blocks;
 mod certifier;
 mod failures;
 pub mod policy;

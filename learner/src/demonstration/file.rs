@@ -9,12 +9,21 @@ use serde::Deserialize;
 use tprmp_model::skill_model::{Manifold, sha256_hex};
 use tprmp_spatial::Pose;
 
+use crate::demonstration::at_most::{Row, at_most};
 use crate::file_error::{FileError, read_text};
 
 /// Schema version this module reads and writes.
 pub const SCHEMA: &str = "tprmp-demonstration/1";
 /// Fewest points of a demonstration.
 pub const POINTS_MIN: usize = 10;
+/// Most points of a demonstration: 600 s at 160 Hz, and a motion has no more to tell.
+pub const SAMPLES_MAX: usize = 100_000;
+/// Shortest time between samples \[s\]: no robot is recorded at more than 100 kHz.
+pub const SAMPLING_TIME_MIN_S: f64 = 1e-5;
+/// Largest file \[bytes\]: that of the most points with all digits.
+pub const BYTES_MAX: u64 = 16 << 20;
+/// Most files of a folder.
+const FILES_MAX: usize = 1000;
 /// Positions farther away are refused \[m\]: no unit of length is so far off, and nothing overflows.
 pub const POSITION_MAX_M: f64 = 1e6;
 /// Longest demonstration \[s\]: a longer one has a wrong sampling time.
@@ -62,7 +71,8 @@ struct File {
     sampling_time_s: Option<f64>,
     frames: BTreeMap<String, FileFrame>,
     columns: Vec<String>,
-    samples: Vec<Vec<Option<f64>>>,
+    #[serde(deserialize_with = "at_most::<SAMPLES_MAX, _, _>")]
+    samples: Vec<Row<Option<f64>>>,
 }
 
 /// A frame of a file; [`frame`] makes a pose of it.
@@ -105,6 +115,10 @@ pub fn read_folder(
         }
     }
     files.sort();
+    if files.len() > FILES_MAX {
+        let problem = format!("expected at most {FILES_MAX} `*.json` files, found {}", files.len());
+        return Err(FileError::input(folder, "folder of demonstrations", problem));
+    }
     if files.is_empty() {
         return Err(FileError::Input {
             path: folder.into(),
@@ -149,7 +163,7 @@ pub fn read_folder(
 /// not finite or too large, rows of unequal length, too few points, quaternions that are not unit,
 /// frames that are missing, a sampling time that is not positive or too long.
 pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstration, FileError> {
-    let text = read_text(path)?;
+    let text = read_text(path, BYTES_MAX)?;
     let file = parse(&text, path)?;
     let fail = |key: &str, problem: String| Err(FileError::key(path, key, problem));
     FileError::name(path, "skill", &file.skill)?;
@@ -162,9 +176,11 @@ pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstr
         "R3xS3" => Manifold::R3S3,
         other => return fail("manifold", format!("expected R2, R3 or R3xS3, found `{other}`")),
     };
-    let Some(sampling_time_s) = file.sampling_time_s.filter(|t| t.is_finite() && *t > 0.0) else {
-        let found = file.sampling_time_s.map_or("no finite number".into(), |t| t.to_string());
-        return fail("sampling_time_s", format!("expected a positive time, found {found}"));
+    let is_time = |t: &f64| t.is_finite() && *t >= SAMPLING_TIME_MIN_S;
+    let Some(sampling_time_s) = file.sampling_time_s.filter(is_time) else {
+        let found = file.sampling_time_s.map_or("no finite number".into(), |t| format!("{t:e}"));
+        let expected = format!("a positive time of at least {SAMPLING_TIME_MIN_S:e} s");
+        return fail("sampling_time_s", format!("expected {expected}, found {found}"));
     };
     if file.columns != columns(manifold) {
         let expected = columns(manifold);
@@ -187,7 +203,7 @@ pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstr
         return fail("sampling_time_s", problem);
     }
     let poses = file.samples.iter().enumerate();
-    let poses = poses.map(|(i, row)| sample(i, row, file.columns.len(), path));
+    let poses = poses.map(|(i, row)| sample(i, &row.0, file.columns.len(), path));
     let poses = poses.collect::<Result<Vec<_>, _>>()?;
     if poses.iter().all(|p| (p.position - poses[0].position).length() < 1e-9) {
         return fail("samples", "expected a motion, found a point that never moves".into());

@@ -109,7 +109,8 @@ impl Block<'_> {
             .iter()
             .map(|g| SMatrix::<f64, N, N>::from_fn(|i, j| g.covariance[(at(i), at(j))]))
             .collect();
-        let shape = shape(&means, &covariances, &normalised(&self.goal, 1.0), settings);
+        let shape = shape(&means, &covariances, &normalised(&self.goal, 1.0), settings)
+            .map_err(|reason| NotSolved::new(self.program, (reason, 0)))?;
         let fitted = field::fit(self.program, shape, &paths, settings, random)?;
         let (mut field, figures) = fitted.physical(self.scale);
         // Scaled there and back the goal may be a rounding error away.

@@ -21,7 +21,7 @@ pub enum FitError {
 #[error(
     "the {program} could not be fitted: the solver stopped with `{reason}` after {iterations} \
      iterations; {}",
-    caused(causes)
+    remedy(reason, causes)
 )]
 pub struct NotSolved {
     /// What was fitted.
@@ -40,6 +40,9 @@ pub enum Reason {
     /// It ended without one.
     #[error("{0:?}")]
     Ended(SolverStatus),
+    /// A matrix of the program is not positive definite.
+    #[error("{0} is not positive definite")]
+    Singular(&'static str),
     /// It did not begin: numbers that are not finite end here.
     #[error(transparent)]
     Refused(#[from] SolverError),
@@ -53,8 +56,13 @@ impl NotSolved {
     }
 }
 
-/// Which demonstrations keep a program from being solved.
-fn caused(causes: &[String]) -> String {
+/// What to do about it: which demonstrations keep a program from being solved.
+fn remedy(reason: &Reason, causes: &[String]) -> String {
+    if !matches!(reason, Reason::Ended(_)) {
+        return "numbers of the skill file's `fit` and `scale` differ too much in size: begin with those of \
+                the files in config/skills"
+            .into();
+    }
     let quoted: Vec<_> = causes.iter().map(|name| format!("`{name}`")).collect();
     match quoted.as_slice() {
         [] => "no single demonstration causes it: raise `regularisation`".into(),

@@ -5,14 +5,13 @@
 
 use nalgebra::{SMatrix, SVector};
 use rand::Rng;
-use tprmp_model::skill_model::{FieldModel, Figure, Program, ProgramFit};
+use tprmp_model::skill_model::{FieldModel, Figure, Program, ProgramFit, valley};
 use tprmp_rmpflow::policy::canonical::field::Component;
 
 use crate::fit::basis::Shape;
-use crate::fit::error::NotSolved;
+use crate::fit::error::{NotSolved, Reason};
 use crate::fit::program::FieldProgram;
 use crate::fit::targets::{BlockPath, Guide, targets};
-use crate::fit::valley;
 use crate::skill::FieldSettings;
 
 /// A fitted field in normalised coordinates.
@@ -31,15 +30,14 @@ pub struct Fitted<const N: usize> {
 /// M_k = γ (C_k + σ₀² I)⁻¹; the goal's metric is γ times the mean of det(M_k/γ)^{1/N}. Components pass
 /// into each other over a fraction of the phase between two of them.
 ///
-/// # Panics
-/// When a covariance is not positive semi-definite.
-#[must_use]
+/// # Errors
+/// A covariance, or the metric that comes of it, is not positive definite.
 pub fn shape<const N: usize>(
     means: &[SVector<f64, N>],
     covariances: &[SMatrix<f64, N, N>],
     goal: &SVector<f64, N>,
     settings: &FieldSettings,
-) -> Shape<N> {
+) -> Result<Shape<N>, Reason> {
     let identity = SMatrix::<f64, N, N>::identity();
     let component = |mean: SVector<f64, N>, metric| Component {
         mean,
@@ -52,17 +50,19 @@ pub fn shape<const N: usize>(
     let mut sizes = 0.0;
     for (mean, covariance) in means.iter().zip(covariances) {
         let widened = covariance + identity * settings.activation_width.powi(2);
-        let factor = widened.cholesky().expect("a covariance is positive semi-definite");
+        let factor = widened.cholesky().ok_or(Reason::Singular("a covariance"))?;
         let inverse = factor.inverse();
         let precision = (inverse + inverse.transpose()) * 0.5;
         let root_determinant: f64 = factor.l().diagonal().iter().product();
         sizes += root_determinant.powf(-2.0 / N as f64);
-        components.push(component(*mean, precision * settings.metric_scale));
+        let metric = precision * settings.metric_scale;
+        metric.cholesky().ok_or(Reason::Singular("a metric"))?;
+        components.push(component(*mean, metric));
     }
     let metric = settings.metric_scale * sizes / means.len() as f64;
     components.push(component(*goal, identity * metric));
     let phase_width = settings.phase_overlap * goal[N - 1] / means.len() as f64;
-    Shape::new(components, phase_width, settings.damping_1_s)
+    Ok(Shape::new(components, phase_width, settings.damping_1_s))
 }
 
 /// Fits the field of a block.
@@ -84,11 +84,13 @@ pub fn fit<const N: usize>(
     let descents = guide.descents(random);
     let phase_length = shape.goal()[N - 1];
     let targets = targets(paths, settings);
-    let mut program = FieldProgram::new(name, &shape, &targets, &descents, settings);
+    let failed = |reason| NotSolved::new(name, (reason, 0));
+    let mut program =
+        FieldProgram::new(name, &shape, &targets, &descents, settings).map_err(failed)?;
     let mut rounds = 0;
     loop {
         let (mut parameters, status, iterations) = program.solve()?;
-        program.bring_goal_to_rest(&mut parameters);
+        program.bring_goal_to_rest(&mut parameters).map_err(failed)?;
         let (_, faults) = valley::descent(&shape.field(&parameters), phase_length);
         if faults.is_empty() || rounds == settings.refinement_rounds_max {
             let mut figures = program.figures(&parameters, status, iterations);
@@ -97,11 +99,11 @@ pub fn fit<const N: usize>(
             return Ok(Fitted { shape, parameters, figures });
         }
         for point in faults {
-            program.constrain(&guide.descent(point), settings.refinement_weight);
+            program.constrain(&guide.descent(point), settings.refinement_weight).map_err(failed)?;
             for _ in 0..settings.refinement_points {
                 let offset = SVector::from_fn(|_, _| random.random_range(-1.0..1.0));
                 let beside = guide.descent(point + offset * settings.refinement_radius);
-                program.constrain(&beside, settings.refinement_weight);
+                program.constrain(&beside, settings.refinement_weight).map_err(failed)?;
             }
         }
         rounds += 1;

@@ -9,7 +9,6 @@ mod field;
 mod program;
 pub mod targets;
 pub mod thesis;
-pub mod valley;
 
 pub use error::{FitError, NotSolved, Reason};
 pub use field::{Fitted, fit, shape};

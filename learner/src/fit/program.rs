@@ -23,7 +23,7 @@ use tprmp_rmpflow::policy::canonical::field::Component;
 
 use crate::fit::basis::{Parameter, Shape, axis};
 use crate::fit::conic::{Affine, ConicProgram, Solution};
-use crate::fit::error::NotSolved;
+use crate::fit::error::{NotSolved, Reason};
 use crate::fit::targets::{Descent, Target};
 use crate::skill::FieldSettings;
 
@@ -32,6 +32,8 @@ const ACTIVE: f64 = 1e-4;
 /// Every how many descent constraints the solver sees at first. Others join when they turn out violated,
 /// so that the optimum is the same with any stride.
 const WORKING_STRIDE: usize = 32;
+/// After so many rounds all descent constraints are in: seldom are there more than five.
+const WORKING_ROUNDS_MAX: u32 = 20;
 /// Constraints that are met by less than this fraction of their speed join those that are violated:
 /// likewise without a change of the optimum.
 const MET: f64 = 0.05;
@@ -96,13 +98,16 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
     const START_HOLD: usize = N + Shape::<N>::TRIANGLE;
 
     /// A program that compares with `targets`, and has a constraint at each of `descents`.
+    ///
+    /// # Errors
+    /// A metric is not positive definite.
     pub(crate) fn new(
         name: Program,
         shape: &'a Shape<N>,
         targets: &[Target<N>],
         descents: &[Descent<N>],
         settings: &'a FieldSettings,
-    ) -> Self {
+    ) -> Result<Self, Reason> {
         let goal = shape.goal();
         let goal_metric = shape.bare().evaluate(&goal, &SVector::zeros()).metric;
         let unit = 1.0 / (shape.mean_metric() * settings.damping_1_s);
@@ -116,26 +121,29 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
             name,
             shape,
             settings,
-            residual: normal_equations(shape, targets, settings),
+            residual: normal_equations(shape, targets, settings)?,
             descents: Vec::with_capacity(descents.len()),
             checked: descents.len(),
             working: (0..descents.len()).step_by(WORKING_STRIDE).collect(),
             goal_gradient: shape.basis(&goal).gradient,
-            goal_hessian: goal_hessian(shape, &goal_metric),
-            stiffness: stiffness(shape),
+            goal_hessian: goal_hessian(shape, &goal_metric)?,
+            stiffness: stiffness(shape)?,
             weights: shape.parameters().iter().map(weight).collect(),
         };
         for descent in descents {
-            program.constrain(descent, 1.0);
+            program.constrain(descent, 1.0)?;
         }
-        program
+        Ok(program)
     }
 
     /// Adds a descent constraint; `weight` is relative to that of a checked point.
-    pub(crate) fn constrain(&mut self, descent: &Descent<N>, weight: f64) {
+    ///
+    /// # Errors
+    /// The metric there is not positive definite.
+    pub(crate) fn constrain(&mut self, descent: &Descent<N>, weight: f64) -> Result<(), Reason> {
         let damping = self.settings.damping_1_s;
         let metric = self.shape.bare().evaluate(&descent.point, &SVector::zeros()).metric;
-        let direction = inverse_metric(&metric) * descent.direction;
+        let direction = inverse_metric(&metric)? * descent.direction;
         let gradient = self.shape.basis(&descent.point).gradient;
         let fraction = self.settings.descent_weight / (self.checked as f64 * damping);
         self.descents.push(DescentConstraint {
@@ -143,17 +151,18 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
             speed: self.settings.descent_speed * damping * descent.fraction,
             weight: fraction * weight,
         });
+        Ok(())
     }
 
     /// Solves the program with the constraints that matter: those that are met anyway are left out, so
     /// that the solver sees a few hundred rows at most. Constraints that turn out violated join, until
-    /// none is: then the optimum is that of the whole program.
+    /// none is: then the optimum is that of the whole program. After some rounds all join.
     ///
     /// # Errors
     /// [`NotSolved`] when the solver finds no solution.
     pub(crate) fn solve(&mut self) -> Result<Solved, NotSolved> {
         let mut iterations = 0;
-        loop {
+        for round in 1.. {
             let (p, status, more) = self.solve_working()?;
             iterations += more;
             let missing = |j: &usize, margin: f64| {
@@ -166,8 +175,13 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
             if !joining.iter().any(|j| missing(j, 1.0)) {
                 return Ok((p, status, iterations));
             }
-            self.working.extend(joining);
+            if round == WORKING_ROUNDS_MAX {
+                self.working = (0..self.descents.len()).collect();
+            } else {
+                self.working.extend(joining);
+            }
         }
+        unreachable!("with all constraints in the working set none joins")
     }
 
     /// Solves for x = (C p, s) with the constraints of the working set.
@@ -240,16 +254,17 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
     /// Removes what the solver's tolerance left of the gradient at the goal, by the smallest
     /// change of C p.
     ///
-    /// # Panics
-    /// When the parameters do not span every gradient at the goal, which S_G always does.
-    pub(crate) fn bring_goal_to_rest(&self, p: &mut [f64]) {
+    /// # Errors
+    /// The parameters do not span every gradient at the goal, which S_G does but for numbers that are too
+    /// large or too small.
+    pub(crate) fn bring_goal_to_rest(&self, p: &mut [f64]) -> Result<(), Reason> {
         let columns = &self.goal_gradient;
         let scaled = |j: usize| columns[j] / (self.weights[j] * self.weights[j]);
         let mut gram = SMatrix::<f64, N, N>::zeros();
         for (j, column) in columns.iter().enumerate() {
             gram += scaled(j) * column.transpose();
         }
-        let factor = gram.cholesky().expect("parameters span every gradient at the goal");
+        let factor = gram.cholesky().ok_or(Reason::Singular("the gradient at the goal"))?;
         // Twice: the second time takes away the rounding of the first.
         for _ in 0..2 {
             let left: SVector<f64, N> = columns.iter().zip(&*p).map(|(c, p)| c * *p).sum();
@@ -258,6 +273,7 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
                 *p -= scaled(j).dot(&multiplier);
             }
         }
+        Ok(())
     }
 
     /// What is known of a solution.
@@ -347,7 +363,7 @@ fn normal_equations<const N: usize>(
     shape: &Shape<N>,
     targets: &[Target<N>],
     settings: &FieldSettings,
-) -> Quadratic {
+) -> Result<Quadratic, Reason> {
     let d = settings.damping_1_s;
     let n = shape.parameters().len();
     let bare = shape.bare();
@@ -358,7 +374,7 @@ fn normal_equations<const N: usize>(
     for target in targets {
         let weight = target.weight / (d * d);
         let value = bare.evaluate(&target.point, &target.velocity);
-        let inverse = inverse_metric(&value.metric);
+        let inverse = inverse_metric(&value.metric)?;
         let rest = target.velocity * d + target.acceleration + inverse * value.curvature;
         let gradient = shape.basis(&target.point).gradient;
         for i in 0..N {
@@ -373,12 +389,14 @@ fn normal_equations<const N: usize>(
             }
         }
     }
-    Quadratic { square, linear, constant }
+    Ok(Quadratic { square, linear, constant })
 }
 
 /// M⁻¹; a metric is a mixture of positive definite ones.
-fn inverse_metric<const N: usize>(metric: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
-    metric.cholesky().expect("a metric is positive definite").inverse()
+fn inverse_metric<const N: usize>(
+    metric: &SMatrix<f64, N, N>,
+) -> Result<SMatrix<f64, N, N>, Reason> {
+    Ok(metric.cholesky().ok_or(Reason::Singular("a metric"))?.inverse())
 }
 
 /// Adds w r rᵀ to the upper triangle.
@@ -398,34 +416,33 @@ fn accumulate(square: &mut DMatrix<f64>, row: &[f64], weight: f64) {
 fn goal_hessian<const N: usize>(
     shape: &Shape<N>,
     metric: &SMatrix<f64, N, N>,
-) -> Vec<SMatrix<f64, N, N>> {
+) -> Result<Vec<SMatrix<f64, N, N>>, Reason> {
     let goal = shape.goal();
-    let factor = metric.cholesky().expect("a metric is positive definite").l();
-    let inverse = factor.try_inverse().expect("its factor has a positive diagonal");
+    let factor = metric.cholesky().ok_or(Reason::Singular("the metric of the goal"))?.l();
+    let inverse = factor.try_inverse().ok_or(Reason::Singular("the metric of the goal"))?;
     let sides: Vec<_> = (0..N)
         .map(|i| {
             let step = axis::<N>(i, HESSIAN_STEP);
             (shape.basis(&(goal + step)).gradient, shape.basis(&(goal - step)).gradient)
         })
         .collect();
-    (0..shape.parameters().len())
-        .map(|j| {
-            let hessian = SMatrix::<f64, N, N>::from_fn(|a, i| {
-                (sides[i].0[j][a] - sides[i].1[j][a]) / (2.0 * HESSIAN_STEP)
-            });
-            inverse * (hessian + hessian.transpose()) * 0.5 * inverse.transpose()
-        })
-        .collect()
+    let hessians = (0..shape.parameters().len()).map(|j| {
+        let hessian = SMatrix::<f64, N, N>::from_fn(|a, i| {
+            (sides[i].0[j][a] - sides[i].1[j][a]) / (2.0 * HESSIAN_STEP)
+        });
+        inverse * (hessian + hessian.transpose()) * 0.5 * inverse.transpose()
+    });
+    Ok(hessians.collect())
 }
 
 /// S_k,yy in coordinates in which M_k,yy is the identity, as a function of the parameters.
-fn stiffness<const N: usize>(shape: &Shape<N>) -> Vec<Stiffness> {
+fn stiffness<const N: usize>(shape: &Shape<N>) -> Result<Vec<Stiffness>, Reason> {
     let d = N - 1;
     let components = shape.bare().components();
     let each = |(k, component): (usize, &Component<N>)| {
         let metric = DMatrix::from_fn(d, d, |i, j| component.metric[(i, j)]);
-        let factor = metric.cholesky().expect("a metric is positive definite").l();
-        let inverse = factor.try_inverse().expect("its factor has a positive diagonal");
+        let factor = metric.cholesky().ok_or(Reason::Singular("a metric"))?.l();
+        let inverse = factor.try_inverse().ok_or(Reason::Singular("a metric"))?;
         // Each component but the goal's has φ⁰ and g before its S.
         let mut j = k * (1 + N + Shape::<N>::TRIANGLE);
         if k + 1 != components.len() {
@@ -443,7 +460,7 @@ fn stiffness<const N: usize>(shape: &Shape<N>) -> Vec<Stiffness> {
                 j += 1;
             }
         }
-        parts
+        Ok(parts)
     };
     components.iter().enumerate().map(each).collect()
 }

@@ -5,10 +5,30 @@
 
 use std::io::Read;
 
-use super::rows::BYTES_MAX;
-
 /// Bound on cells in cells.
 const DEPTH_MAX: usize = 16;
+/// Most unpacked bytes of all variables.
+const BYTES_MAX: u64 = 32 << 20;
+/// Most bytes of numbers of all variables, of which one takes up to eight in memory.
+const NUMBERS_BYTES_MAX: usize = 8 << 20;
+/// Most matrices: variables, cells, and fields of structures.
+const MATRICES_MAX: usize = 100_000;
+
+/// What a file may still hold.
+struct Budget {
+    bytes: u64,
+    numbers: usize,
+    matrices: usize,
+}
+
+impl Budget {
+    fn take(left: &mut usize, count: usize, what: &str, most: usize) -> Result<(), String> {
+        *left = left.checked_sub(count).ok_or_else(|| {
+            format!("expected at most {most} {what} in the file, found more: keep the variable `demos` only")
+        })?;
+        Ok(())
+    }
+}
 
 /// A value of a file.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,7 +89,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Vec<(String, Value)>, String> {
         [1, 0, b'M', b'I'] => return Err(format!("{expected} in little-endian order, found big")),
         other => return Err(format!("{expected}, found version and order {other:?}")),
     }
-    let mut left = BYTES_MAX;
+    let mut left = Budget { bytes: BYTES_MAX, numbers: NUMBERS_BYTES_MAX, matrices: MATRICES_MAX };
     let mut values = Vec::new();
     while !rest.is_empty() {
         let element = element(rest)?;
@@ -78,14 +98,17 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Vec<(String, Value)>, String> {
             COMPRESSED => {
                 let mut inflated = Vec::new();
                 let inflate = flate2::read::ZlibDecoder::new(element.data);
-                let size = inflate.take(left).read_to_end(&mut inflated);
-                left -= size.map_err(|e| format!("a variable cannot be unpacked: {e}"))? as u64;
+                let size = inflate.take(left.bytes + 1).read_to_end(&mut inflated);
+                let size = size.map_err(|e| format!("a variable cannot be unpacked: {e}"))? as u64;
+                left.bytes = left.bytes.checked_sub(size).ok_or_else(|| {
+                    format!("expected at most {BYTES_MAX} bytes unpacked, found more")
+                })?;
                 let inner = self::element(&inflated)?;
                 if inner.kind == MATRIX {
-                    values.push(matrix(inner.data, DEPTH_MAX)?);
+                    values.push(matrix(inner.data, DEPTH_MAX, &mut left)?);
                 }
             }
-            MATRIX => values.push(matrix(element.data, DEPTH_MAX)?),
+            MATRIX => values.push(matrix(element.data, DEPTH_MAX, &mut left)?),
             _ => {}
         }
     }
@@ -132,7 +155,8 @@ fn expect<'a>(rest: &mut &'a [u8], kind: u32, what: &str) -> Result<&'a [u8], St
     Ok(element.data)
 }
 
-fn matrix(mut rest: &[u8], depth: usize) -> Result<(String, Value), String> {
+fn matrix(mut rest: &[u8], depth: usize, left: &mut Budget) -> Result<(String, Value), String> {
+    Budget::take(&mut left.matrices, 1, "cells and fields", MATRICES_MAX)?;
     if rest.is_empty() {
         return Ok((String::new(), Value::Other));
     }
@@ -151,10 +175,16 @@ fn matrix(mut rest: &[u8], depth: usize) -> Result<(String, Value), String> {
     let count = count.ok_or("the dimensions of a matrix are too large")?;
     let is_complex = flags & 0x0800 != 0;
     let value = match flags & 0xff {
-        1 => Value::List(matrices(&mut rest, count, depth)?),
-        2 => structures(rest, count, depth)?,
+        1 => Value::List(matrices(&mut rest, count, depth, left)?),
+        2 => structures(rest, count, depth, left)?,
         6..=15 if !is_complex => {
             let element = element(rest)?;
+            Budget::take(
+                &mut left.numbers,
+                element.data.len(),
+                "bytes of numbers",
+                NUMBERS_BYTES_MAX,
+            )?;
             let values = numbers(element.kind, element.data)?;
             let rows = dimensions.first().copied().unwrap_or(0);
             if values.len() != count {
@@ -169,20 +199,34 @@ fn matrix(mut rest: &[u8], depth: usize) -> Result<(String, Value), String> {
 }
 
 /// As many matrices; each takes bytes, so the loop ends with them.
-fn matrices(rest: &mut &[u8], count: usize, depth: usize) -> Result<Vec<Value>, String> {
+fn matrices(
+    rest: &mut &[u8],
+    count: usize,
+    depth: usize,
+    left: &mut Budget,
+) -> Result<Vec<Value>, String> {
     let mut list = Vec::new();
     for _ in 0..count {
-        list.push(matrix(expect(rest, MATRIX, "a cell")?, depth - 1)?.1);
+        list.push(matrix(expect(rest, MATRIX, "a cell")?, depth - 1, left)?.1);
     }
     Ok(list)
 }
 
-fn structures(mut rest: &[u8], count: usize, depth: usize) -> Result<Value, String> {
+fn structures(
+    mut rest: &[u8],
+    count: usize,
+    depth: usize,
+    left: &mut Budget,
+) -> Result<Value, String> {
     let length = expect(&mut rest, INT32, "the length of field names")?;
     let length = length.first_chunk().map_or(0, |b| i32::from_le_bytes(*b));
     let length = usize::try_from(length).ok().filter(|n| (1..=256).contains(n));
     let length = length.ok_or("the field names of a structure have no readable length")?;
-    let names: Vec<String> = expect(&mut rest, INT8, "field names")?
+    let names = expect(&mut rest, INT8, "field names")?;
+    if names.len() / length > left.matrices {
+        return Err(format!("expected at most {MATRICES_MAX} fields, found more"));
+    }
+    let names: Vec<String> = names
         .chunks(length)
         .map(|name| {
             let end = name.iter().position(|byte| *byte == 0).unwrap_or(name.len());
@@ -194,7 +238,7 @@ fn structures(mut rest: &[u8], count: usize, depth: usize) -> Result<Value, Stri
     }
     let mut list = Vec::new();
     for _ in 0..count {
-        let values = matrices(&mut rest, names.len(), depth)?;
+        let values = matrices(&mut rest, names.len(), depth, left)?;
         list.push(Value::Structure(names.iter().cloned().zip(values).collect()));
     }
     Ok(if list.len() == 1 { list.remove(0) } else { Value::List(list) })

@@ -16,13 +16,22 @@ use zip::ZipArchive;
 use zip::result::ZipError;
 
 use super::recording::Recording;
-use super::rows::{BYTES_MAX, pose_of, read_bytes, vector_of};
+use super::rows::{ROWS_MAX, pose_of, read_bytes, vector_of};
 use super::selection::Selection;
 use crate::file_error::FileError;
 
 /// Most opening brackets in the header of an array. Numbers have two; the parser takes a time
 /// exponential in their depth.
 const BRACKETS_MAX: usize = 8;
+
+/// Most numbers of an array.
+const NUMBERS_MAX: usize = 7 * ROWS_MAX;
+/// Most unpacked bytes of an array: its numbers and its header.
+const ARRAY_BYTES_MAX: u64 = (8 * NUMBERS_MAX + (1 << 16)) as u64;
+/// Most arrays of an archive, counted before its directory is read.
+const ARRAYS_MAX: usize = 1000;
+/// How an entry of the directory begins.
+const DIRECTORY_ENTRY: &[u8] = b"PK\x01\x02";
 
 /// The demonstration of an archive.
 pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, FileError> {
@@ -82,7 +91,13 @@ struct Archive<'a> {
 
 impl<'a> Archive<'a> {
     fn open(path: &'a Path) -> Result<Self, FileError> {
-        let zip = ZipArchive::new(Cursor::new(read_bytes(path)?)).map_err(|e| {
+        let bytes = read_bytes(path)?;
+        let arrays = bytes.windows(4).filter(|window| *window == DIRECTORY_ENTRY).count();
+        if arrays > ARRAYS_MAX {
+            let problem = format!("expected at most {ARRAYS_MAX} arrays, found {arrays}");
+            return Err(FileError::input(path, "archive", problem));
+        }
+        let zip = ZipArchive::new(Cursor::new(bytes)).map_err(|e| {
             FileError::input(path, "archive", format!("expected a NumPy archive (zip): {e}"))
         })?;
         let files = zip.file_names().filter_map(Result::ok);
@@ -119,8 +134,11 @@ impl<'a> Archive<'a> {
             other => other.to_string(),
         })?;
         let mut content = Vec::new();
-        let read = entry.take(BYTES_MAX).read_to_end(&mut content);
+        let read = entry.take(ARRAY_BYTES_MAX + 1).read_to_end(&mut content);
         read.map_err(|e| format!("it cannot be unpacked: {e}"))?;
+        if content.len() as u64 > ARRAY_BYTES_MAX {
+            return Err(format!("expected at most {ARRAY_BYTES_MAX} bytes unpacked, found more"));
+        }
         Ok(content)
     }
 
@@ -193,6 +211,11 @@ fn parse(bytes: &[u8]) -> Result<Array, String> {
         [rows, columns] => (rows, columns),
         ref axes => return Err(format!("expected one or two axes, found shape {axes:?}")),
     };
+    if rows.checked_mul(columns).is_none_or(|count| count > NUMBERS_MAX as u64) {
+        return Err(format!(
+            "expected at most {NUMBERS_MAX} numbers by its shape, found {rows}×{columns}"
+        ));
+    }
     let descr = header.dtype().descr();
     let numbers: Vec<f64> = match descr.trim_matches('\'') {
         "<f8" => all(data, f64::from_le_bytes),

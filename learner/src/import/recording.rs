@@ -10,11 +10,11 @@ use tprmp_spatial::Pose;
 
 use super::resampling::resample;
 use super::selection::Selection;
-use crate::demonstration::{DURATION_MAX_S, Demonstration, POINTS_MIN, POSITION_MAX_M};
+use crate::demonstration::{
+    DURATION_MAX_S, Demonstration, POINTS_MIN, POSITION_MAX_M, SAMPLES_MAX, SAMPLING_TIME_MIN_S,
+};
 use crate::file_error::FileError;
 
-/// Most samples of a demonstration.
-const SAMPLES_MAX: f64 = 100_000.0;
 /// Times farther away are refused [s].
 const TIME_MAX_S: f64 = 1e12;
 /// Fraction of the sampling time by which a sample may be early or late and still count as even.
@@ -57,6 +57,13 @@ impl Recording {
         name: &str,
         selection: &Selection,
     ) -> Result<Demonstration, FileError> {
+        if selection.sampling_time_s.is_none() && self.poses.len() > SAMPLES_MAX {
+            let found = self.poses.len();
+            let problem = format!(
+                "expected at most {SAMPLES_MAX} samples, found {found}; --sampling-time-s makes fewer"
+            );
+            return Err(FileError::input(path, &self.place, problem));
+        }
         if let Some(step) = selection.recorded_at_s {
             self.times_s = (0..self.poses.len()).map(|i| i as f64 * step).collect();
         }
@@ -67,7 +74,7 @@ impl Recording {
             Some(wanted_s) => {
                 // The ends stay where they are: the step gives way.
                 let steps = (duration_s / wanted_s).round();
-                if !(steps >= POINTS_MIN as f64 - 1.0 && steps < SAMPLES_MAX) {
+                if !(steps >= POINTS_MIN as f64 - 1.0 && steps < SAMPLES_MAX as f64) {
                     let problem = format!(
                         "expected a time that makes {POINTS_MIN} to {SAMPLES_MAX} samples of \
                          {duration_s} s, found {wanted_s} s"
@@ -112,8 +119,15 @@ impl Recording {
                 "expected at most {DURATION_MAX_S} s, found {duration_s} s: are its times in seconds?"
             ));
         }
+        let even_s = self.even_step_s(duration_s);
+        if even_s < SAMPLING_TIME_MIN_S {
+            return Err(format!(
+                "expected samples at least {SAMPLING_TIME_MIN_S:e} s apart, found {even_s:e} s: are its times \
+                 in seconds?"
+            ));
+        }
         if !step_is_known {
-            self.check_velocities(self.even_step_s(duration_s))?;
+            self.check_velocities(even_s)?;
         }
         Ok(duration_s)
     }

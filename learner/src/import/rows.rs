@@ -6,20 +6,17 @@ use crate::file_error::FileError;
 use glam::{DQuat, DVec3};
 use tprmp_spatial::Pose;
 
-/// Larger files, and larger contents of compressed ones, are refused [bytes].
-pub(super) const BYTES_MAX: u64 = 256 << 20;
+/// Larger files are refused [bytes]: ten minutes of poses and velocities at a kilohertz have less.
+const BYTES_MAX: u64 = 64 << 20;
+/// Most samples of a recording, before it is resampled.
+pub(super) const ROWS_MAX: usize = 600_001;
 /// How far the length of a quaternion may be from one.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
 
 /// The bytes of a file that is not too large.
 pub(super) fn read_bytes(path: &Path) -> Result<Vec<u8>, FileError> {
-    let unreadable = |source| FileError::Read { path: path.into(), source };
-    let size = std::fs::metadata(path).map_err(unreadable)?.len();
-    if size > BYTES_MAX {
-        let problem = format!("expected at most {BYTES_MAX} bytes, found {size}");
-        return Err(FileError::input(path, "size", problem));
-    }
-    std::fs::read(path).map_err(unreadable)
+    tprmp_files::read(path, BYTES_MAX)
+        .map_err(|source| FileError::Read { path: path.into(), source })
 }
 
 /// x, y and z if there is one.

@@ -4,7 +4,7 @@
 //! columns are disregarded. `<name>.frames.json` beside `<name>.csv` holds `{"frames": {…}}`, as in
 //! our own format.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
 use csv::StringRecord;
@@ -12,7 +12,7 @@ use serde::Deserialize;
 use tprmp_model::skill_model::Manifold;
 
 use super::recording::Recording;
-use super::rows::{pose_of, read_bytes, vector_of};
+use super::rows::{ROWS_MAX, pose_of, read_bytes, vector_of};
 use super::selection::Selection;
 use crate::demonstration::{FileFrame, columns, frame, other_frames};
 use crate::file_error::{FileError, read_text};
@@ -22,9 +22,17 @@ struct Frames {
     frames: BTreeMap<String, FileFrame>,
 }
 
+/// Longest line [bytes]: a thousand columns.
+const LINE_MAX: usize = 32 << 10;
+/// Most columns.
+const COLUMNS_MAX: usize = 1000;
+/// Largest file of frames [bytes].
+const FRAMES_BYTES_MAX: u64 = 1 << 20;
+
 /// The demonstration of a table.
 pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, FileError> {
     let bytes = read_bytes(path)?;
+    check_lines(&bytes).map_err(|(place, problem)| FileError::input(path, place, problem))?;
     let mut table = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes.as_slice());
     let malformed = |e: csv::Error| {
         let line = e.position().map_or(1, csv::Position::line);
@@ -47,6 +55,11 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, File
                 FileError::input(path, format!("line {line}, column `{column}`"), problem)
             })
         };
+        if times_s.len() == ROWS_MAX {
+            let problem =
+                format!("expected at most {ROWS_MAX} rows, found more; record fewer a second");
+            return Err(FileError::input(path, format!("line {line}"), problem));
+        }
         times_s.push(numbers(&time_column)?[0]);
         poses.push(pose_of(&numbers(&pose_columns)?).map_err(|problem| {
             let place = format!("line {line}, columns `qw`, `qx`, `qy`, `qz`");
@@ -58,7 +71,7 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, File
     }
 
     let frames_path = path.with_extension("frames.json");
-    let frames: Frames = serde_json::from_str(&read_text(&frames_path)?)
+    let frames: Frames = serde_json::from_str(&read_text(&frames_path, FRAMES_BYTES_MAX)?)
         .map_err(|e| FileError::syntax(&frames_path, e.line(), e.column(), e.to_string()))?;
     let [start, goal] = selection.frames(manifold);
     Ok(Recording {
@@ -71,6 +84,22 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, File
         poses,
         velocities: (!speed_columns.is_empty()).then_some(velocities),
     })
+}
+
+/// Refuses a line of more columns than a recording has before it is taken apart, and one that ends in
+/// quotes: a row of any length could follow.
+fn check_lines(bytes: &[u8]) -> Result<(), (String, String)> {
+    for (i, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
+        let place = || format!("line {}", i + 1);
+        if line.len() > LINE_MAX {
+            let found = line.len();
+            return Err((place(), format!("expected at most {LINE_MAX} bytes, found {found}")));
+        }
+        if line.iter().filter(|byte| **byte == b'"').count() % 2 == 1 {
+            return Err((place(), "expected quotes that end in their line".into()));
+        }
+    }
+    Ok(())
 }
 
 /// A column's name and its place in a row.
@@ -87,9 +116,14 @@ impl<'a> Header<'a> {
         // Some programs begin a text with a byte order mark.
         let names: Vec<_> = record.iter().map(|name| name.trim_start_matches('\u{feff}')).collect();
         let header = Self { path, names };
-        let names = &header.names;
-        match names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
-            Some((_, twice)) => Err(header.refuse(twice, "expected it once, found it again")),
+        if header.names.len() > COLUMNS_MAX {
+            let problem =
+                format!("expected at most {COLUMNS_MAX} columns, found {}", header.names.len());
+            return Err(FileError::input(path, "line 1", problem));
+        }
+        let mut before = HashSet::new();
+        match header.names.iter().find(|name| !before.insert(**name)) {
+            Some(twice) => Err(header.refuse(twice, "expected it once, found it again")),
             None => Ok(header),
         }
     }

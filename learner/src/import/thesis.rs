@@ -25,9 +25,12 @@ use tprmp_spatial::Pose;
 use super::recording::Recording;
 use super::rows::pose_of;
 use super::selection::Selection;
-use crate::demonstration::columns;
+use crate::demonstration::at_most::{Row, at_most};
+use crate::demonstration::{BYTES_MAX, SAMPLES_MAX, columns};
 use crate::file_error::{FileError, read_text};
 
+/// Most demonstrations of a file.
+const DEMONSTRATIONS_MAX: usize = 1000;
 /// How far a rotation may be from one.
 const ROTATION_TOLERANCE: f64 = 1e-6;
 
@@ -37,6 +40,7 @@ struct Foreign {
     dt: f64,
     manifold: String,
     quaternion_order: Option<String>,
+    #[serde(deserialize_with = "at_most::<DEMONSTRATIONS_MAX, _, _>")]
     demonstrations: Vec<ForeignDemonstration>,
 }
 
@@ -45,14 +49,15 @@ struct ForeignDemonstration {
     tag: Option<String>,
     frames: BTreeMap<String, ForeignFrame>,
     reference_frames: Option<BTreeMap<String, ForeignFrame>>,
-    positions: Vec<Vec<f64>>,
+    #[serde(deserialize_with = "at_most::<SAMPLES_MAX, _, _>")]
+    positions: Vec<Row<f64>>,
 }
 
 /// Planar frames have A and b, spatial ones a position and a quaternion (and A, b on another space).
 #[derive(Deserialize)]
 struct ForeignFrame {
     #[serde(rename = "A")]
-    a: Option<Vec<Vec<f64>>>,
+    a: Option<Vec<Row<f64>>>,
     b: Option<Vec<f64>>,
     position: Option<[f64; 3]>,
     quaternion: Option<[f64; 4]>,
@@ -63,7 +68,7 @@ pub(super) fn read(
     path: &Path,
     selection: &Selection,
 ) -> Result<(String, Vec<Recording>), FileError> {
-    let file: Foreign = serde_json::from_str(&read_text(path)?)
+    let file: Foreign = serde_json::from_str(&read_text(path, BYTES_MAX)?)
         .map_err(|e| FileError::syntax(path, e.line(), e.column(), e.to_string()))?;
     recordings(&file, selection)
         .map(|recordings| (selection.skill.clone().unwrap_or(file.name), recordings))
@@ -141,7 +146,7 @@ fn recording(
         frame.ok_or_else(|| (format!("{key}.{frames_key}.{name}"), expected.to_owned()))
     };
     let columns = columns(manifold);
-    let sample = |(j, row): (usize, &Vec<f64>)| {
+    let sample = |(j, Row(row)): (usize, &Row<f64>)| {
         let pose = if row.len() == columns.len() { pose_of(row).ok() } else { None };
         pose.ok_or_else(|| {
             (format!("{key}.positions[{j}]"), format!("expected {columns:?}, found {row:?}"))
@@ -164,8 +169,10 @@ fn spatial_pose(frame: &ForeignFrame) -> Option<Pose> {
 }
 
 fn planar_pose(frame: &ForeignFrame) -> Option<Pose> {
-    let rows = <[Vec<f64>; 2]>::try_from(frame.a.clone()?).ok()?;
-    let [first, second] = rows.map(|row| <[f64; 2]>::try_from(row).ok().map(DVec2::from_array));
+    let rows: &[Row<f64>; 2] = frame.a.as_deref()?.try_into().ok()?;
+    let [first, second] = rows
+        .each_ref()
+        .map(|Row(row)| <[f64; 2]>::try_from(row.as_slice()).ok().map(DVec2::from_array));
     let rotation = DMat2::from_cols(first?, second?).transpose();
     let angle = rotation.x_axis.y.atan2(rotation.x_axis.x);
     if !rotation.abs_diff_eq(DMat2::from_angle(angle), ROTATION_TOLERANCE) {

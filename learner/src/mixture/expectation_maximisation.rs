@@ -8,7 +8,7 @@ use std::ops::Range;
 use nalgebra::DMatrix;
 
 use crate::mixture::left_right;
-use crate::mixture::view::{Gaussian, View, WEIGHT_FLOOR};
+use crate::mixture::view::{Gaussian, Singular, View, WEIGHT_FLOOR};
 use crate::skill::Ordering;
 
 /// What is known of the order of the samples.
@@ -69,10 +69,9 @@ const CONVERGED: f64 = 5e-8;
 /// Euclidean coordinates; with orientations it may, by some 1e-6 nat a sample, because their mean is
 /// the intrinsic one and not quite the most likely. Components that lose all samples keep a vanishing weight.
 ///
-/// # Panics
-/// When a covariance is singular, which a positive regularisation excludes.
-#[must_use]
-pub fn maximise(data: &Data, settings: &Settings) -> Maximised {
+/// # Errors
+/// A covariance is singular, which a regularisation of a size with the samples excludes.
+pub fn maximise(data: &Data, settings: &Settings) -> Result<Maximised, Singular> {
     let mut responsibilities = data.responsibilities.clone();
     let mut stays = left_right::stays(&responsibilities, data.sequences.len());
     let mut log_likelihoods = Vec::with_capacity(settings.iterations as usize);
@@ -80,7 +79,7 @@ pub fn maximise(data: &Data, settings: &Settings) -> Maximised {
         let mut densities = DMatrix::zeros(responsibilities.nrows(), responsibilities.ncols());
         for view in &data.views {
             let gaussians = view.gaussians(&responsibilities);
-            view.add_log_densities(&gaussians, settings.regularisation, &mut densities);
+            view.add_log_densities(&gaussians, settings.regularisation, &mut densities)?;
         }
         let total = match settings.topology {
             Topology::Mixture => mixture_expectation(densities, &mut responsibilities),
@@ -107,7 +106,7 @@ pub fn maximise(data: &Data, settings: &Settings) -> Maximised {
         .map(|sum| (sum + WEIGHT_FLOOR) / responsibilities.nrows() as f64)
         .collect();
     let gaussians = data.views.iter().map(|view| view.gaussians(&responsibilities)).collect();
-    Maximised { responsibilities, priors, times, gaussians, log_likelihoods }
+    Ok(Maximised { responsibilities, priors, times, gaussians, log_likelihoods })
 }
 
 /// Responsibilities with their components in order of mean time.
@@ -308,7 +307,7 @@ mod tests {
             coordinates in coordinates(), topology in topology(), views in 1..4_usize,
             seed in any::<u64>(),
         ) {
-            let found = maximise(&demonstrated(coordinates, views, seed), &settings(topology, 6, 1e-3));
+            let found = maximise(&demonstrated(coordinates, views, seed), &settings(topology, 6, 1e-3)).unwrap();
             for row in found.responsibilities.row_iter() {
                 prop_assert!((row.sum() - 1.0).abs() < 1e-10);
                 prop_assert!(row.iter().all(|fraction| (0.0..=1.0 + 1e-12).contains(fraction)));
@@ -319,7 +318,7 @@ mod tests {
         #[test]
         fn the_iterations_end_when_nothing_changes(topology in topology(), seed in any::<u64>()) {
             let data = demonstrated(Coordinates::Euclidean, 1, seed);
-            let found = maximise(&data, &settings(topology, 1000, 1e-3)).log_likelihoods;
+            let found = maximise(&data, &settings(topology, 1000, 1e-3)).unwrap().log_likelihoods;
             let change = |pair: &[f64]| (pair[1] - pair[0]).abs();
             prop_assert!(found.len() < 1000);
             prop_assert!(found.windows(2).rev().skip(1).all(|pair| change(pair) >= CONVERGED));
@@ -331,7 +330,7 @@ mod tests {
             topology in topology(), views in 1..3_usize, seed in any::<u64>(),
         ) {
             let data = demonstrated(Coordinates::Euclidean, views, seed);
-            let found = maximise(&data, &settings(topology, 12, 0.0));
+            let found = maximise(&data, &settings(topology, 12, 0.0)).unwrap();
             for pair in found.log_likelihoods.windows(2) {
                 prop_assert!(pair[1] > pair[0] - 1e-9, "{:?}", found.log_likelihoods);
             }
@@ -345,7 +344,7 @@ mod tests {
         ) {
             let coordinates =
                 if only { Coordinates::Orientations } else { Coordinates::Both };
-            let found = maximise(&demonstrated(coordinates, 2, seed), &settings(topology, 12, 0.0));
+            let found = maximise(&demonstrated(coordinates, 2, seed), &settings(topology, 12, 0.0)).unwrap();
             prop_assert!(found.log_likelihoods.last() > found.log_likelihoods.first());
             for pair in found.log_likelihoods.windows(2) {
                 prop_assert!(pair[1] > pair[0] - 1e-5, "{:?}", found.log_likelihoods);
@@ -361,7 +360,7 @@ mod tests {
                 // A mixture may start in any order.
                 data.responsibilities.swap_columns(0, 2);
             }
-            let found = maximise(&data, &settings(topology, 6, 1e-3));
+            let found = maximise(&data, &settings(topology, 6, 1e-3)).unwrap();
             prop_assert!(found.times.is_sorted(), "{:?}", found.times);
             prop_assert_eq!(&found.times, &mean_times(&found.responsibilities, &data.times));
             let again = data.views[0].gaussians(&found.responsibilities);
@@ -373,8 +372,8 @@ mod tests {
             let mut data = demonstrated(Coordinates::Euclidean, 1, seed);
             data.responsibilities.swap_columns(0, 2);
             let ordered = settings(Topology::Mixture, 6, 1e-3);
-            let by_time = maximise(&data, &ordered);
-            let initial = maximise(&data, &Settings { ordering: Ordering::Initial, ..ordered });
+            let by_time = maximise(&data, &ordered).unwrap();
+            let initial = maximise(&data, &Settings { ordering: Ordering::Initial, ..ordered }).unwrap();
             prop_assert!(initial.times.iter().rev().is_sorted(), "{:?}", initial.times);
             let reversed: Vec<_> = initial.gaussians[0].iter().rev().cloned().collect();
             prop_assert_eq!(&by_time.gaussians[0], &reversed);
@@ -389,13 +388,13 @@ mod tests {
                 if only { Coordinates::Orientations } else { Coordinates::Both };
             let mut data = demonstrated(coordinates, 2, seed);
             let settings = settings(topology, 4, 1e-3);
-            let before = maximise(&data, &settings);
+            let before = maximise(&data, &settings).unwrap();
             for view in &mut data.views {
                 for (q, flip) in view.orientations.iter_mut().flatten().zip(&flips) {
                     *q = if *flip { -*q } else { *q };
                 }
             }
-            let after = maximise(&data, &settings);
+            let after = maximise(&data, &settings).unwrap();
             let change = (&after.responsibilities - &before.responsibilities).amax();
             prop_assert!(change < 1e-10, "{change:e}");
             for (a, b) in after.gaussians.iter().flatten().zip(before.gaussians.iter().flatten()) {
@@ -416,7 +415,7 @@ mod tests {
             let (gamma, log) = textbook_expectation(&data, &maximised(&data.responsibilities));
             let settings =
                 Settings { ordering: Ordering::Initial, ..settings(Topology::Mixture, 1, 0.0) };
-            let found = maximise(&data, &settings);
+            let found = maximise(&data, &settings).unwrap();
             prop_assert!((found.log_likelihoods[0] - log).abs() < 1e-7);
             prop_assert!((&found.responsibilities - &gamma).amax() < 1e-7);
             for (k, expected) in maximised(&gamma).iter().enumerate() {
@@ -479,7 +478,7 @@ mod tests {
             coordinates in coordinates(), seed in any::<u64>(),
         ) {
             let data = demonstrated(coordinates, 1, seed);
-            let found = maximise(&data, &settings(Topology::LeftRight, 6, 1e-3));
+            let found = maximise(&data, &settings(Topology::LeftRight, 6, 1e-3)).unwrap();
             for sequence in &data.sequences {
                 // P(state ≥ k at sample t).
                 let reached = |t: usize, k: usize| -> f64 {

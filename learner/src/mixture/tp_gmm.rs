@@ -14,7 +14,7 @@ use crate::mixture::expectation_maximisation::{
     Data, Maximised, Settings, Topology, in_order, maximise, mean_times,
 };
 use crate::mixture::k_means;
-use crate::mixture::view::{Gaussian, View};
+use crate::mixture::view::{Gaussian, Singular, View};
 use crate::skill::{Initialisation, MixtureModel, Skill};
 
 /// Fewest samples a component must hold on average: fewer are a plane at best, and no covariance.
@@ -67,17 +67,29 @@ pub struct TpGmm {
     pub parameters: usize,
 }
 
-/// The mixture has more components than the demonstrations can fill.
+/// Why there is no mixture.
 #[derive(Debug, thiserror::Error)]
-#[error(
-    "the mixture has too many components: {problem}, but key `mixture.components` asks for \
-     {components}"
-)]
-pub struct MixtureError {
-    /// Components that were asked for.
-    pub components: usize,
-    /// What is wrong.
-    pub problem: String,
+pub enum MixtureError {
+    /// It has more components than the demonstrations can fill.
+    #[error(
+        "the mixture has too many components: {problem}, but key `mixture.components` asks for \
+         {components}"
+    )]
+    TooMany {
+        /// Components that were asked for.
+        components: usize,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A covariance cannot be inverted.
+    #[error(
+        "a covariance of the mixture is not positive definite: raise key `mixture.regularisation`, \
+         found {regularisation:e}, or look for demonstrations with positions of another size"
+    )]
+    Singular {
+        /// The setting.
+        regularisation: f64,
+    },
 }
 
 impl Samples {
@@ -196,7 +208,7 @@ impl Samples {
         components: usize,
         seed: u64,
     ) -> Result<TpGmm, MixtureError> {
-        let too_many = |problem: String| MixtureError { components, problem };
+        let too_many = |problem: String| MixtureError::TooMany { components, problem };
         if components > self.components_max() {
             let found = self.len();
             return Err(too_many(format!("the demonstrations have only {found} samples together")));
@@ -226,7 +238,8 @@ impl Samples {
                 regularisation: settings.regularisation,
                 ordering: settings.ordering,
             },
-        );
+        )
+        .map_err(|Singular| MixtureError::Singular { regularisation: settings.regularisation })?;
         let Maximised { responsibilities, priors, log_likelihoods, .. } = maximised;
         if let Some(k) = priors.iter().position(|prior| *prior < PRIOR_MIN) {
             return Err(too_many(format!("component {} holds no samples", k + 1)));

@@ -15,6 +15,10 @@ const DIMENSION_MAX: usize = 7;
 /// A component without samples must not divide by zero.
 pub(crate) const WEIGHT_FLOOR: f64 = 1e-9;
 
+/// A covariance is not positive definite: the samples span numbers that differ too much in size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Singular;
+
 /// The samples in one coordinate system.
 #[derive(Clone, Debug)]
 pub struct View {
@@ -123,18 +127,20 @@ impl View {
     }
 
     /// Adds ln N of every sample (row) under every Gaussian (column).
+    ///
+    /// # Errors
+    /// A regularised covariance is not positive definite.
     pub fn add_log_densities(
         &self,
         gaussians: &[Gaussian],
         regularisation: f64,
         sum: &mut DMatrix<f64>,
-    ) {
+    ) -> Result<(), Singular> {
         let n = self.dimension();
         let mut offset = [0.0; DIMENSION_MAX];
         for (k, gaussian) in gaussians.iter().enumerate() {
             let regular = &gaussian.covariance + DMatrix::identity(n, n) * regularisation;
-            let factor =
-                regular.cholesky().expect("a regularised covariance is positive definite").unpack();
+            let factor = regular.cholesky().ok_or(Singular)?.unpack();
             let root: f64 = factor.diagonal().iter().map(|x| x.ln()).sum();
             let constant = -root - 0.5 * n as f64 * std::f64::consts::TAU.ln();
             for i in 0..self.len() {
@@ -151,5 +157,6 @@ impl View {
                 sum[(i, k)] += constant - 0.5 * square;
             }
         }
+        Ok(())
     }
 }

@@ -70,7 +70,7 @@ fn read_demonstrations(model: &SkillModel, folder: &Path) -> Result<Vec<Demonstr
         if !path.is_file() {
             return Err(fail("expected this file, found none".into()));
         }
-        let bytes = std::fs::read(&path)
+        let bytes = tprmp_files::read(&path, demonstration::BYTES_MAX)
             .map_err(|source| FileError::Read { path: path.clone(), source })?;
         let found = sha256_hex(&bytes);
         if found != source.sha256 {

@@ -14,6 +14,9 @@ use crate::skill::validate::{validate, validate_counts};
 
 /// Schema version this module reads.
 pub const SCHEMA: &str = "tprmp-skill/4";
+/// Largest skill file [bytes]; those of the repository have some thousand.
+const BYTES_MAX: u64 = 256 << 10;
+
 #[derive(Deserialize)]
 struct Header {
     schema: String,
@@ -26,7 +29,7 @@ impl Skill {
     /// [`FileError`], naming the file and the key or line: missing, not RON, of another version, an
     /// unknown or missing key, or a value outside its range.
     pub fn read(path: &Path) -> Result<Self, FileError> {
-        let text = read_text(path)?;
+        let text = read_text(path, BYTES_MAX)?;
         // `fit: Canonical(damping_1_s: …)` instead of two pairs of parentheses.
         let options =
             ron::Options::default().with_default_extension(Extensions::UNWRAP_VARIANT_NEWTYPES);

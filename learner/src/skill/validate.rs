@@ -6,7 +6,7 @@ use tprmp_rmpflow::policy::canonical::field::COMPONENT_CAPACITY;
 use tprmp_rmpflow::policy::canonical::frame_map::PHASE_DISTANCE_MIN;
 
 use crate::demonstration::DURATION_MAX_S;
-use crate::skill::settings::{FitSettings, Skill};
+use crate::skill::settings::{Certification, FitSettings, Skill};
 
 /// Largest shape of a Kaiser window: I₀ of a larger one is no number, and the window of this one is a few
 /// samples wide.
@@ -73,6 +73,14 @@ fn validate_names(skill: &Skill) -> Result<(), Wrong> {
 
 /// No number of a skill is larger: squares and sums of it stay finite.
 const NUMBER_MAX: f64 = 1e6;
+/// Nor is one that has to be positive smaller: quotients stay finite.
+const NUMBER_MIN: f64 = 1e-9;
+/// ŷ spanned by the demonstrations: all other constants are chosen for 2.75. With larger ones a program takes
+/// minutes, and finds nothing.
+const SPAN_RANGE: [f64; 2] = [0.1, 100.0];
+/// 1/d is the time in which a skill forgets its velocity: longer than ten seconds no arm follows, and
+/// no loop is as short as two milliseconds.
+const DAMPING_RANGE_1_S: [f64; 2] = [0.1, 500.0];
 
 fn validate_positive(skill: &Skill) -> Result<(), Wrong> {
     let mut positive = Vec::new();
@@ -110,7 +118,8 @@ fn validate_positive(skill: &Skill) -> Result<(), Wrong> {
     check(positive.iter().copied(), |x| x > 0.0, "a positive number")?;
     // The certificate's own bounds come after these.
     let learning = positive.into_iter().filter(|(key, _)| !key.starts_with("certification."));
-    check(learning, |x| x <= NUMBER_MAX, &format!("at most {NUMBER_MAX:e}"))
+    let sane = |x| (NUMBER_MIN..=NUMBER_MAX).contains(&x);
+    check(learning, sane, &format!("a number from {NUMBER_MIN:e} to {NUMBER_MAX:e}"))
 }
 
 fn validate_ranges(skill: &Skill) -> Result<(), Wrong> {
@@ -145,6 +154,12 @@ fn validate_ranges(skill: &Skill) -> Result<(), Wrong> {
     check(change, |x| x >= least, &format!("a fraction of at least {least}"))?;
     let rest = keys! { "smoothing" skill.smoothing => rest_speed_fraction };
     check(rest, |x| x < 0.5, "a fraction below 0.5")?;
+    let [least, most] = SPAN_RANGE;
+    let span = keys! { "scale" skill.scale => span };
+    check(span, |x| (least..=most).contains(&x), &format!("a number from {least} to {most}"))?;
+    if let FitSettings::Canonical(fit) = &skill.fit {
+        validate_damping(fit.damping_1_s, certification)?;
+    }
     let shape = skill.fit.kaiser_smoothing().map(|kaiser| kaiser.shape);
     let shape = shape.map(|shape| ("fit.kaiser_smoothing.shape", shape));
     check(shape, |x| x <= SHAPE_MAX, &format!("at most {SHAPE_MAX}"))?;
@@ -165,6 +180,20 @@ fn validate_ranges(skill: &Skill) -> Result<(), Wrong> {
         return Err(("certification.demonstration_step_s", problem));
     }
     Ok(())
+}
+
+/// A step of a rollout has to be shorter than the time in which the velocity is forgotten.
+fn validate_damping(damping_1_s: f64, certification: &Certification) -> Result<(), Wrong> {
+    let [least, most] = DAMPING_RANGE_1_S;
+    let step_s = certification.step_s.max(certification.demonstration_step_s);
+    let most = most.min(1.0 / step_s);
+    check(
+        [("fit.damping_1_s", damping_1_s)],
+        |x| (least..=most).contains(&x),
+        &format!(
+            "a number from {least} to {most:.4}, the most that the certificate can roll out in steps of {step_s} s"
+        ),
+    )
 }
 
 /// Checks the counts; each has a least and a largest value.

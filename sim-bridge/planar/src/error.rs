@@ -67,9 +67,12 @@ impl SimError {
     }
 }
 
-/// Reads a text file.
+/// Largest file [bytes]: the log of a run has some million.
+const BYTES_MAX: u64 = 32 << 20;
+
+/// Reads a text file of at most 32 MiB.
 pub(crate) fn read_text(path: &Path, hint: &'static str) -> Result<String, SimError> {
-    std::fs::read_to_string(path).map_err(|source| SimError::Read {
+    tprmp_files::read_text(path, BYTES_MAX).map_err(|source| SimError::Read {
         path: path.into(),
         source,
         hint,

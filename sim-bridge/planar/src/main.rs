@@ -122,6 +122,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    tprmp_files::report_panics("planar-sim", env!("CARGO_PKG_VERSION"));
     match execute(Arguments::parse().command) {
         Ok(success) => exit_code(success),
         Err(error) => {

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use tprmp_drawing::{Page, Picture};
 use tprmp_files::{Existing, outln, write};
 
-use crate::error::{SimError, parse_json};
+use crate::error::{SimError, parse_json, read_text};
 use crate::log::{Bridge, Mode, Outcome, Row, before_stopping, counted, load};
 use crate::pictures::pictures;
 use crate::record::read_folder;
@@ -72,7 +72,7 @@ pub(crate) fn report(folder: &Path) -> Result<bool, SimError> {
 
 /// The controller's summary; `None` when there is none, or none that was finished.
 fn read_controller(path: &Path) -> Result<Option<Value>, SimError> {
-    let Ok(text) = std::fs::read_to_string(path) else { return Ok(None) };
+    let Ok(text) = read_text(path, "") else { return Ok(None) };
     let summary: Value = parse_json(&text, path)?;
     Ok(summary.get("ticks").is_some().then_some(summary))
 }

@@ -5,10 +5,18 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde::de::IgnoredAny;
+use tprmp_files::shortened;
 
 use crate::controller_config::error::{ConfigError, Fault, Problem};
 use crate::renamed::renamed_keys;
 use crate::ron_text::{Entry, byte, entries, position};
+
+/// Largest file [bytes]: those of the repository have some ten thousand.
+const BYTES_MAX: u64 = 256 << 10;
+/// Most keys of a file; there are about two hundred.
+const KEYS_MAX: usize = 2000;
+/// Most faults that are told at once: to find one takes another look at the whole text.
+pub(super) const FAULTS_MAX: usize = 20;
 
 /// A file that is read.
 #[derive(Debug)]
@@ -25,6 +33,10 @@ impl Source {
 
     /// Keys of the last version, and what is no RON.
     fn faults(&self) -> Vec<Fault> {
+        if let Some(beyond) = entries(&self.text).get(KEYS_MAX) {
+            let (expected, found) = ("at most 2000 keys", "more".into());
+            return vec![self.fault(beyond.value.start, None, Problem::Value { expected, found })];
+        }
         let renamed = renamed_keys(&self.text).into_iter().map(|key| Fault {
             path: self.path.clone(),
             position: Some((key.line, key.column)),
@@ -34,7 +46,7 @@ impl Source {
         let syntax = options().from_str::<IgnoredAny>(&self.text).err().map(|error| {
             let start = error.span.start;
             let at = byte(&self.text, start.line, start.col);
-            self.fault(at, None, Problem::Syntax(error.code.to_string()))
+            self.fault(at, None, Problem::Syntax(shortened(&error.code.to_string())))
         });
         syntax.into_iter().chain(renamed).collect()
     }
@@ -46,7 +58,7 @@ impl Source {
         let keys = entries.iter().filter(|entry| !entry.key.is_empty());
         let doubled = keys.filter(|entry| !before.insert(&entry.path));
         let fault = |entry: &Entry| self.fault(entry.key.start, Some(&entry.path), Problem::Twice);
-        doubled.map(fault).collect()
+        doubled.map(fault).take(FAULTS_MAX).collect()
     }
 }
 
@@ -81,7 +93,7 @@ pub(super) struct Layers {
 /// # Errors
 /// One of them cannot be read, is no RON, or has keys of the last version; a base has a base.
 pub(super) fn layers(path: &Path) -> Result<Layers, ConfigError> {
-    let read = |path: &Path| std::fs::read_to_string(path);
+    let read = |path: &Path| tprmp_files::read_text(path, BYTES_MAX);
     let text = read(path).map_err(|source| ConfigError::Read { path: path.into(), source })?;
     layers_of(Source { path: path.into(), text }, read)
 }
@@ -253,7 +265,7 @@ impl Layers {
                 };
                 let innermost = entries.iter().skip(1).rfind(is_it);
                 let key = innermost.map(|entry| entry.path.as_str());
-                (source.fault(from, key, Problem::Syntax(code.to_string())), false)
+                (source.fault(from, key, Problem::Syntax(shortened(&code.to_string()))), false)
             }
         }
     }

@@ -5,7 +5,7 @@ use std::path::{Component, Path, PathBuf};
 use crate::controller_config::check::Check;
 use crate::controller_config::config::ControllerConfig;
 use crate::controller_config::error::{ConfigError, Fault};
-use crate::controller_config::layers::{Layers, layers, options};
+use crate::controller_config::layers::{FAULTS_MAX, Layers, layers, options};
 
 /// Reads and validates a configuration.
 ///
@@ -39,7 +39,7 @@ fn parsed(
             Err(error) => {
                 let (fault, goes_on) = layers.fault(&error);
                 faults.push(fault);
-                if !goes_on {
+                if !goes_on || faults.len() == FAULTS_MAX {
                     return Err(ConfigError::Faults(faults));
                 }
             }

@@ -13,6 +13,9 @@ use crate::skill_model::upgrade::{SCHEMA_BEFORE, upgraded};
 /// Schema version this crate writes, and reads beside the last one.
 pub const SCHEMA: &str = "tprmp-model/6";
 
+/// Largest file [bytes]: most Gaussians, frames and coordinates together make less than one MiB.
+const BYTES_MAX: u64 = 2 << 20;
+
 /// Why a model file was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
@@ -103,7 +106,7 @@ struct ModelFileIn {
 /// does not match its checksum, or holds a value that is not finite, of the wrong dimension or
 /// not positive definite.
 pub fn read(path: &Path) -> Result<SkillModel, ModelError> {
-    let text = std::fs::read_to_string(path)
+    let text = tprmp_files::read_text(path, BYTES_MAX)
         .map_err(|source| ModelError::Read { path: path.into(), source })?;
     parse(&text, path)
 }
@@ -113,7 +116,7 @@ fn parse(text: &str, path: &Path) -> Result<SkillModel, ModelError> {
     let syntax = |error: ron::error::SpannedError| ModelError::Syntax {
         path: path.into(),
         position: format!("line {}, column {}", error.span.start.line, error.span.start.col),
-        problem: error.code.to_string(),
+        problem: tprmp_files::shortened(&error.code.to_string()),
     };
     // The header first: a body of another version need not parse.
     let header: Header = ron::from_str(text).map_err(syntax)?;

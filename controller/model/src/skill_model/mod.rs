@@ -24,15 +24,19 @@
 //! Huber potentials [4.10–4.11], the metric 4.5 and the damping 4.17 on them; see
 //! `tprmp_rmpflow`.
 
+mod blocks;
 mod certificate;
 mod evaluated;
 mod field;
 mod file;
 mod fit;
 mod model;
+mod recomputed;
 mod upgrade;
 mod validate;
+pub mod valley;
 
+pub use blocks::blocks;
 pub use certificate::{BlockCertificate, Certificate, Rollouts, ValleyCertificate};
 pub use evaluated::{EvaluationError, thesis_policy};
 pub use file::{ModelError, SCHEMA, read, sha256_hex, to_text, write};
@@ -44,5 +48,6 @@ pub use model::{
     Adaptation, Canonical, Component, FieldModel, FrameGaussian, FrameMixture, Gaussian, Manifold,
     PolicyModel, Pose, Provenance, SkillModel, Source, ThesisModel, Waypoint,
 };
+pub use recomputed::verify;
 pub use tprmp_rmpflow::policy::FRAME_CAPACITY;
 pub use tprmp_rmpflow::policy::canonical::adaptation::{COORDINATES, SPLINES};

@@ -6,8 +6,9 @@ use tprmp_rmpflow::policy::canonical::adaptation::SPLINES;
 use tprmp_rmpflow::policy::canonical::field::COMPONENT_CAPACITY;
 use tprmp_rmpflow::policy::canonical::frame_map::PHASE_DISTANCE_MIN;
 
+use crate::skill_model::certificate::{Certificate, Rollouts};
 use crate::skill_model::model::{
-    Component, FieldModel, Gaussian, PolicyModel, Pose, SkillModel, ThesisModel,
+    Component, FieldModel, Gaussian, Manifold, PolicyModel, Pose, SkillModel, ThesisModel,
 };
 
 /// A key of the body, and what is wrong with its value.
@@ -15,6 +16,8 @@ type Violation = (String, String);
 
 /// Relative tolerance of symmetry, of the goal's identity metric and of unit quaternions.
 const TOLERANCE: f64 = 1e-9;
+/// No number of a learned model is near it; products and squares of such stay finite.
+const NUMBER_MAX: f64 = 1e12;
 
 /// Refuses what is no [`tprmp_files::Name`]: it becomes part of file names and pages.
 fn name(key: &str, text: &str) -> Result<(), Violation> {
@@ -52,7 +55,46 @@ impl SkillModel {
             }
             PolicyModel::Thesis(policy) => self.validate_thesis(policy)?,
         }
-        finite("fit.em_log_likelihood", &[self.fit.em_log_likelihood])
+        finite("fit.em_log_likelihood", &[self.fit.em_log_likelihood])?;
+        self.validate_certificate()
+    }
+
+    /// Where a certificate holds its figures are numbers, and those of what it claims.
+    fn validate_certificate(&self) -> Result<(), Violation> {
+        let Certificate { blocks, demonstrated_frames, displaced_frames, step_s, .. } =
+            &self.certificate;
+        if !self.certificate.holds() {
+            return Ok(());
+        }
+        positive("certificate.step_s", *step_s)?;
+        for (name, rollouts) in
+            [("demonstrated_frames", demonstrated_frames), ("displaced_frames", displaced_frames)]
+        {
+            let key = format!("certificate.{name}");
+            let Rollouts { starts, reached, .. } = rollouts;
+            require(reached == starts, format!("{key}.reached"), || {
+                format!("expected all of the {starts} starts, found {reached}")
+            })?;
+            for (figure, value) in [
+                ("goal_error_max_m", rollouts.goal_error_max_m),
+                ("goal_error_max_rad", rollouts.goal_error_max_rad),
+                ("energy_rise_max", rollouts.energy_rise_max),
+            ] {
+                finite(&format!("{key}.{figure}"), &[value])?;
+                require(value >= 0.0, format!("{key}.{figure}"), || {
+                    format!("expected a number from zero on, found {value}")
+                })?;
+            }
+        }
+        let expected: &[&str] = match (&self.policy, self.manifold) {
+            (PolicyModel::Canonical { .. }, Manifold::R3S3) => &["position", "orientation"],
+            (PolicyModel::Thesis(_), Manifold::R3S3) => &["pose"],
+            _ => &["position"],
+        };
+        let found: Vec<&str> = blocks.iter().map(|block| block.name.as_str()).collect();
+        require(found == expected, "certificate.blocks", || {
+            format!("expected blocks {expected:?}, found {found:?}")
+        })
     }
 
     fn validate_frames(&self) -> Result<(), Violation> {
@@ -222,8 +264,11 @@ fn require(
 }
 
 fn finite(key: &str, values: &[f64]) -> Result<(), Violation> {
-    match values.iter().find(|x| !x.is_finite()) {
+    match values.iter().find(|x| !x.is_finite() || x.abs() > NUMBER_MAX) {
         None => Ok(()),
+        Some(x) if x.is_finite() => {
+            Err((key.into(), format!("expected numbers within {NUMBER_MAX:e}, found {x:e}")))
+        }
         Some(x) => Err((key.into(), format!("expected finite numbers, found {x}"))),
     }
 }

@@ -1,24 +1,21 @@
 //! What can be said of a policy without rolling it out: of its metric, its valley and its goal.
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
-use tprmp_model::skill_model::{BlockCertificate, ValleyCertificate};
 use tprmp_rmpflow::policy::SkillPolicy;
 use tprmp_rmpflow::policy::canonical::field::{Component, Field};
 use tprmp_rmpflow::policy::canonical::policy::PositionField;
 use tprmp_rmpflow::policy::thesis::{ThesisPolicy, ThesisState};
 use tprmp_spatial::{MovingPose, Pose};
 
-use crate::fit::valley;
+use crate::skill_model::certificate::{BlockCertificate, ValleyCertificate};
+use crate::skill_model::valley;
 
 /// Step of the central differences at the goal [m or rad].
 const GOAL_STEP: f64 = 1e-5;
 
 /// What can be said of each block of a policy, with these frames and this goal.
-pub(crate) fn blocks(
-    policy: &SkillPolicy,
-    frames: &[MovingPose],
-    goal: &Pose,
-) -> Vec<BlockCertificate> {
+#[must_use]
+pub fn blocks(policy: &SkillPolicy, frames: &[MovingPose], goal: &Pose) -> Vec<BlockCertificate> {
     let product = match policy {
         SkillPolicy::Canonical(skill) => {
             let mut blocks = vec![match &skill.position {
@@ -56,7 +53,7 @@ fn field_block<const N: usize>(name: &str, field: &Field<N>) -> BlockCertificate
 fn stiffness_min<const N: usize>(component: &Component<N>) -> f64 {
     let part = |matrix: &SMatrix<f64, N, N>| DMatrix::from_fn(N - 1, N - 1, |i, j| matrix[(i, j)]);
     let Some(factor) = part(&component.metric).cholesky() else { return f64::NEG_INFINITY };
-    let inverse = factor.l().try_inverse().expect("its factor has a positive diagonal");
+    let Some(inverse) = factor.l().try_inverse() else { return f64::NEG_INFINITY };
     let relative = &inverse * part(&component.hessian) * inverse.transpose();
     relative.symmetric_eigenvalues().min()
 }
@@ -125,8 +122,11 @@ fn at_rest<const D: usize>(
     let hessian = (&hessian + hessian.transpose()) * 0.5;
     let metric = DMatrix::from_fn(D, D, |i, j| metric[(i, j)]);
     let gradient = DVector::from_column_slice(gradient.as_slice());
-    let Some(factor) = metric.cholesky() else { return (f64::INFINITY, f64::NEG_INFINITY) };
-    let inverse = factor.l().try_inverse().expect("its factor has a positive diagonal");
+    let factor = metric.cholesky();
+    let inverse = factor.as_ref().and_then(|factor| factor.l().try_inverse());
+    let (Some(factor), Some(inverse)) = (factor, inverse) else {
+        return (f64::INFINITY, f64::NEG_INFINITY);
+    };
     let relative = &inverse * hessian * inverse.transpose();
     (factor.solve(&gradient).norm(), relative.symmetric_eigenvalues().min())
 }
