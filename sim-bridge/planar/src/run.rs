@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use tprmp_files::{Existing, errln, try_out, write};
+use tprmp_files::{Existing, errln, make_folder, try_out, write};
 use tprmp_messages::{
     Action, Bounds, CommandGuard, CommandMode, ControllerStatus, Frame, Instance, JOINT_CAPACITY,
     JointCommand, LifeCycle, Obstacle, ObstacleKind, Reason, RobotState, StatePublisherPorts,
@@ -62,6 +62,9 @@ pub(crate) fn run(scene: &Scene, options: &Options) -> Result<Outcome, SimError>
     let mut run = Run::new(scene, options, world)?;
     // Before anything moves: a run that cannot be written down would be lost.
     if let Some(path) = &options.record_commands {
+        if let Some(folder) = path.parent() {
+            make_folder(folder)?;
+        }
         try_out(path, options.existing)?;
     }
     run.save(scene, options, Outcome::Interrupted, options.existing)?;
