@@ -215,7 +215,7 @@ fn a_short_soak_holds_and_one_without_a_publisher_does_not() {
     assert!(result["ticks"].as_u64().unwrap() > 1000, "{result}");
 
     let output = soak("0.01", &[], &["true"]);
-    assert!(text(&output).contains("soak.json` is there already"), "{}", text(&output));
+    assert!(text(&output).contains("is there already and stays as it is"), "{}", text(&output));
     assert_eq!(json(&place.path("soak/soak.json")), result);
     let output = soak("0.01", &["--force"], &["true"]);
     assert_eq!(output.status.code(), Some(1), "{}", text(&output));

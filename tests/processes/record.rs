@@ -478,7 +478,7 @@ fn recording_beside_a_controller_changes_none_of_its_commands() {
         let controller = place.controller(&config, &model, &["--lockstep", "--until-done"]);
         let commands = place.path("commands.bin");
         let output = run(program("planar-sim")
-            .args(["run", "--seed", "1", "--out", &place.path(""), "--lockstep"])
+            .args(["run", "--seed", "1", "--out", &place.path(""), "--lockstep", "--force"])
             .args(["--instance", &place.instance, "--record-commands", &commands]));
         assert!(output.status.success(), "{}", text(&output));
         let output = crate::common::finish(controller);

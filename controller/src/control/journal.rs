@@ -147,7 +147,7 @@ mod tests {
         assert_eq!(last.unwrap().goal(), Some(goal));
         drop(journal);
         assert_eq!(Journal::begin(&folder).unwrap().1, None, "it ended by itself");
-        std::fs::write(folder.join("controller.journal"), "rubbish").unwrap();
+        write(&folder.join("controller.journal"), "rubbish", Existing::Replace).unwrap();
         assert_eq!(Journal::begin(&folder).unwrap().1, Some(Entry::default()));
         std::fs::remove_dir_all(&folder).unwrap();
     }

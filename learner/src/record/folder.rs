@@ -122,7 +122,7 @@ mod tests {
         assert_eq!(names(), ["01.json", "07.json", "08.json", "pick_90.json"]);
         assert_eq!(fs::read_to_string(folder.path.join("07.json")).unwrap(), "not mine");
         fs::remove_dir_all(&path).unwrap();
-        assert!(matches!(save(12), Err(FileError::Write(_))));
+        assert!(matches!(save(12), Err(FileError::Read { .. })));
         fs::write(&path, "a file").unwrap();
         assert!(matches!(Folder::open(&path), Err(FileError::Write(_))));
         fs::remove_file(&path).unwrap();

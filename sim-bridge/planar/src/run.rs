@@ -451,7 +451,7 @@ impl Run {
         );
         if let Some(fault) = self.guard.last_fault() {
             let counts = counted(&command_faults(&self.guard));
-            eprintln!("planar-sim: commands with a fault: {counts}; the last one: {fault}");
+            errln!("planar-sim: commands with a fault: {counts}; the last one: {fault}");
         }
     }
 }

@@ -17,7 +17,7 @@ type Violation = (String, String);
 /// Relative tolerance of symmetry, of the goal's identity metric and of unit quaternions.
 const TOLERANCE: f64 = 1e-9;
 /// No number of a learned model is near it; products and squares of such stay finite.
-const NUMBER_MAX: f64 = 1e12;
+const NUMBER_MAX: f64 = 1e15;
 
 /// Refuses what is no [`tprmp_files::Name`]: it becomes part of file names and pages.
 fn name(key: &str, text: &str) -> Result<(), Violation> {
