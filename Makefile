@@ -5,6 +5,7 @@
 # make experiments   the experiments of the thesis and harder ones, a report (QUICK=1: a short look; DATASET=folder)
 # make experiments-arm   the whole arm in simulation: pushes, obstacles, other arms, false goals (QUICK=1: a short look)
 # make robots        the suction tool on a Franka Panda and a KUKA LBR iiwa, for panda_pick.ron and iiwa_pick.ron
+# make hostile       MESSAGES=100000 hostile messages a stream, at twelve rates: no command steps beyond a limit
 # make soak          run a controller for MINUTES=10 beside a simulator that is killed and started again
 # make lint          formatting and static checks
 SHELL := /bin/bash
@@ -12,6 +13,7 @@ SHELL := /bin/bash
 
 SEED ?= 1
 MINUTES ?= 10
+MESSAGES ?= 100000
 # What properties are tested on: the same in every run. `cargo test` by itself draws anew.
 PROPTEST_RNG_SEED ?= 1
 # The first Python that pybullet has packages for; `make PYTHON=/path/to/python3.11` chooses one.
@@ -25,7 +27,7 @@ DENY_VERSION := 0.20.2
 DENY := target/tools/bin/cargo-deny
 BRIDGE := $(VENV)/bin/sim-bridge
 
-.PHONY: help demo demo-planar test bench experiments experiments-arm robots soak lint build venv seed clean
+.PHONY: help demo demo-planar test bench hostile experiments experiments-arm robots soak lint build venv seed clean
 
 help:
 	@sed -n '/^# make/s/^# //p' Makefile
@@ -112,6 +114,9 @@ soak: seed build
 	$(BIN)/controller soak config/controllers/planar.ron --model target/soak/planar.model.ron \
 	    --minutes $(MINUTES) --seed $(SEED) --out target/soak -- \
 	    $(BIN)/planar-sim run --seed {seed} --out target/soak/run --instance soak --force
+
+hostile:
+	TPRMP_HOSTILE_MESSAGES=$(MESSAGES) $(CARGO) test --release --locked -p tprmp-controller --test hostile
 
 experiments: seed build
 	$(BIN)/experiments --seed $(SEED) --force $(if $(QUICK),--quick) $(if $(DATASET),--dataset '$(DATASET)')

@@ -17,8 +17,9 @@ from sim_bridge import cli, files, log, record
 from sim_bridge.demonstrations import read_demonstration
 from sim_bridge.errors import BridgeError
 from sim_bridge.fit import fit
+from sim_bridge.instance_files import SHARED_MEMORY
 from sim_bridge.scene import load_scene
-from sim_bridge.services import SHARED_MEMORY, Instance
+from sim_bridge.services import Instance
 
 NO_NAMES = (
     *("", ".", "..", "../../evil", "/etc/passwd", "a/b", "a\\b", ".hidden", "-rf", " a", "a "),
@@ -191,7 +192,7 @@ def test_signals_at_once_are_one_and_leave_nothing(tmp_path, instance_name, firs
     out, _ = process.communicate(timeout=30)
     assert process.returncode == 0
     assert "outcome: stopped before a first command" in out
-    assert list(SHARED_MEMORY.glob(f"{Instance(instance_name).prefix}*")) == []
+    assert list(SHARED_MEMORY.glob(f"{Instance(instance_name).files.prefix}*")) == []
 
 
 STUBBORN = """

@@ -15,13 +15,13 @@ CONTROLLER = ROOT / "target" / "release" / "controller"
 @pytest.mark.parametrize(
     ("name", "size"),
     [
-        ("RobotState", 216),
+        ("RobotState", 224),
         ("Frame", 136),
         ("Obstacle", 136),
         ("TaskFrames", 5464),
         ("JointCommand", 368),
         ("ToolCommand", 64),
-        ("ControllerStatus", 136),
+        ("ControllerStatus", 144),
     ],
 )
 def test_sizes_are_the_agreed_ones(name, size):

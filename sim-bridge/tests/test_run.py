@@ -141,7 +141,7 @@ def test_no_field_of_a_message_ends_the_run_or_its_log(scene, instance_name, tmp
             command.expiry_ns = 2**64 - 1
 
     _, this, log = play(scene, instance_name, tmp_path, True, ANSWERS, spoil=spoil)
-    log_files.save(tmp_path, log, {})
+    log_files.save(tmp_path, log, {}, force=False)
     log, _ = log_files.load(tmp_path)
     assert log["command_reason"][9] == largest
     assert log["command_mode"][9] == CommandMode.TRACK
@@ -241,7 +241,8 @@ def test_an_error_leaves_the_log_of_what_was_seen(monkeypatch, scene, instance_n
         self.world.moving = True
         for _ in range(7):
             self.publication.fill(1, self.torque_measured)
-            self.step(1, 0.0)
+            self.judge_command(1, False)
+            self.step(0.0)
         raise MemoryError("shared memory is full")
 
     monkeypatch.setattr(Run, "lockstep", breaks_off)

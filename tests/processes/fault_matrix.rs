@@ -28,7 +28,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const STEP_NS: u64 = 2_000_000;
 /// A fault lasts so many states: a second.
 const FAULTY: usize = 500;
-const HOME: [f64; 6] = [-2.7416, -1.5708, 1.5708, -1.5708, -1.5708, 0.4];
+const HOME: [f64; 6] = [-2.74, -1.57, 1.57, -1.57, -1.57, 0.4];
 
 /// Where a pick stands when the fault comes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,7 +107,7 @@ const FAULTS: &[Fault] = &[
     }),
     fault("33 obstacles", Reason::ObstacleUnknown, |_, f| f.obstacle_count = 33),
     fault("frames that are half a second old", Reason::FramesStale, |_, f| {
-        f.time_ns -= 500_000_000
+        f.time_ns -= 500_000_000;
     }),
 ];
 

@@ -181,7 +181,7 @@ mod tests {
         while !motion.rests() {
             let braking = motion.braking(&limits, 0.5, 1e-3);
             motion.advance(&braking, &limits, 1e-3);
-            let cross = motion.velocity[0] * -1.0 - motion.velocity[1] * 1.5;
+            let cross = -motion.velocity[0] - motion.velocity[1] * 1.5;
             // The joint that may change its acceleration faster waits for the other one within a few ticks.
             assert!(cross.abs() < 0.1, "{cross}");
         }
