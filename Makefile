@@ -6,6 +6,7 @@
 # make experiments-arm   the whole arm in simulation: pushes, obstacles, other arms, false goals (QUICK=1: a short look)
 # make robots        the suction tool on a Franka Panda and a KUKA LBR iiwa, for panda_pick.ron and iiwa_pick.ron
 # make hostile       MESSAGES=100000 hostile messages a stream, at twelve rates: no command steps beyond a limit
+# make crashes       kill 200 processes in the plane and 40 in pybullet, at random moments
 # make soak          run a controller for MINUTES=10 beside a simulator that is killed and started again
 # make lint          formatting and static checks
 SHELL := /bin/bash
@@ -27,7 +28,7 @@ DENY_VERSION := 0.20.2
 DENY := target/tools/bin/cargo-deny
 BRIDGE := $(VENV)/bin/sim-bridge
 
-.PHONY: help demo demo-planar test bench hostile experiments experiments-arm robots soak lint build venv seed clean
+.PHONY: help demo demo-planar test bench hostile crashes experiments experiments-arm robots soak lint build venv seed clean
 
 help:
 	@sed -n '/^# make/s/^# //p' Makefile
@@ -117,6 +118,9 @@ soak: seed build
 
 hostile:
 	TPRMP_HOSTILE_MESSAGES=$(MESSAGES) $(CARGO) test --release --locked -p tprmp-controller --test hostile
+
+crashes: build venv
+	TPRMP_CRASHES=200 TPRMP_CRASHES_ARM=40 $(CARGO) test --release --locked --workspace --test processes -- crashes
 
 experiments: seed build
 	$(BIN)/experiments --seed $(SEED) --force $(if $(QUICK),--quick) $(if $(DATASET),--dataset '$(DATASET)')

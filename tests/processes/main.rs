@@ -4,6 +4,8 @@
 mod bad_input;
 mod command;
 mod common;
+mod control;
+mod crashes;
 mod examples;
 mod fault_matrix;
 mod faults;
