@@ -146,6 +146,7 @@ impl<const N: usize> Cycle<N> {
         }
         RunOutcome {
             life_cycle: self.task.life_cycle(),
+            states_lost: self.inbox.states_lost(),
             allocations: self.peers.allocations(),
             connections: self.peers.connections(),
             page_faults,

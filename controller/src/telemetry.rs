@@ -110,6 +110,8 @@ impl WorstTicks {
 pub struct RunOutcome {
     /// Where the task stood before the stop.
     pub life_cycle: LifeCycle,
+    /// States that are missing between those that arrived.
+    pub states_lost: u64,
     /// Heap allocations inside the loop, without those that connected a peer.
     pub allocations: u64,
     /// Connections made inside the loop.
@@ -221,6 +223,7 @@ impl Telemetry {
             "ticks": self.ticks,
             "deadline_misses": self.deadline_misses,
             "skipped_periods": self.skipped_periods,
+            "states_lost": outcome.states_lost,
             "allocations": outcome.allocations,
             "connections": {
                 "count": outcome.connections.count,
@@ -292,6 +295,7 @@ mod tests {
     use super::*;
 
     const RUNNING: RunOutcome = RunOutcome {
+        states_lost: 0,
         life_cycle: LifeCycle::Running,
         allocations: 0,
         connections: Connections { count: 0, allocations: 0, total_ns: 0, longest_ns: 0 },
@@ -321,6 +325,7 @@ mod tests {
         connections.add(37, 45_000);
         connections.add(20, 15_000);
         let outcome = RunOutcome {
+            states_lost: 7,
             life_cycle: LifeCycle::Done,
             allocations: 3,
             connections,

@@ -75,6 +75,10 @@ const FAULTS: &[Fault] = &[
     fault("a torque that is infinite", Reason::StateNotFinite, |s, _| s.torque[0] = f64::INFINITY),
     fault("five joints in place of six", Reason::JointCount, |s, _| s.joint_count = 5),
     fault("a sequence number that stands still", Reason::SequenceStuck, |s, _| s.sequence = STUCK),
+    fault("two sources that count differently", Reason::TwoSources, |s, _| {
+        s.sequence += if s.sequence.is_multiple_of(2) { STUCK } else { 0 };
+    }),
+    fault("200 states missing between each two", Reason::StatesLost, |s, _| s.sequence *= 200),
     fault("a time stamp that stands still", Reason::StateTimeStuck, |s, _| s.time_ns = STUCK_NS),
     fault("a protective stop of the robot", Reason::ProtectiveStop, |s, _| {
         s.robot_mode = RobotMode::ProtectiveStop.to_wire();

@@ -85,11 +85,13 @@ impl Window {
         let mut lines = vec![
             format!("instance `{instance}`: {}", describe(life_cycle, reason)),
             format!(
-                "ticks {} at {rate}, period {:.0} µs; {} deadlines missed, {} periods skipped",
+                "ticks {} at {rate}, period {:.0} µs; {} deadlines missed, {} periods skipped, \
+                 {} states lost",
                 last.ticks,
                 last.period_ns as f64 * 1e-3,
                 last.deadline_misses,
-                last.skipped_periods
+                last.skipped_periods,
+                last.states_lost
             ),
             format!(
                 "allocations in the loop {}, peers connected {}",

@@ -34,6 +34,8 @@ const DRIFT_MAX_S: f64 = 0.02;
 const CONFIRMED_NS: u64 = 50_000_000;
 /// … and at least so many: a first state too.
 const CONFIRMED_BY: u32 = 3;
+/// A sequence number that goes back twice within this time has two sources \[ns\].
+const AGAIN_NS: u64 = 1_000_000_000;
 /// States farther apart are judged as if so far apart: a stamp cannot make room for a jump \[s\].
 const GAP_MAX_S: f64 = 0.05;
 
@@ -71,6 +73,8 @@ pub struct StateEstimator<const N: usize> {
     verdict: Result<(), Reason>,
     /// The number of the newest state, whatever was thought of it.
     sequence: Option<u64>,
+    /// When the sequence number went back \[ns\].
+    went_back_ns: Option<u64>,
     lost: u64,
 }
 
@@ -91,6 +95,7 @@ impl<const N: usize> StateEstimator<N> {
             drift: SVector::zeros(),
             verdict: Err(Reason::StateStale),
             sequence: None,
+            went_back_ns: None,
             lost: 0,
         }
     }
@@ -204,7 +209,10 @@ impl<const N: usize> StateEstimator<N> {
         let again = self.candidate.filter(|last| self.follows(&last.last, now).is_ok());
         let candidate = match again {
             Some(last) => Candidate { last: *now, count: last.count + 1, ..last },
-            None => Candidate { last: *now, since_ns: now_ns, count: 1, reason },
+            None => {
+                let reason = self.doubled(reason, now_ns);
+                Candidate { last: *now, since_ns: now_ns, count: 1, reason }
+            }
         };
         let agreed_ns = now_ns.saturating_sub(candidate.since_ns);
         if candidate.count >= CONFIRMED_BY && agreed_ns >= confirmed_ns {
@@ -215,6 +223,20 @@ impl<const N: usize> StateEstimator<N> {
         }
         self.candidate = Some(candidate);
         Err(candidate.reason)
+    }
+}
+
+impl<const N: usize> StateEstimator<N> {
+    /// A publisher that is started again counts from one, once. What goes back again soon has two sources.
+    fn doubled(&mut self, reason: Reason, now_ns: u64) -> Reason {
+        if reason != Reason::SequenceWentBack {
+            return reason;
+        }
+        let last_ns = self.went_back_ns.replace(now_ns);
+        match last_ns {
+            Some(last_ns) if now_ns.abs_diff(last_ns) < AGAIN_NS => Reason::TwoSources,
+            _ => reason,
+        }
     }
 }
 
@@ -357,6 +379,24 @@ mod tests {
             });
             assert!(found.is_some());
         }
+    }
+
+    #[test]
+    fn a_publisher_that_is_started_again_is_believed_and_two_sources_are_not() {
+        let mut estimator = running(1_000);
+        let again = |k| RobotState { sequence: k - 999, ..state(k) };
+        for k in 1_000..1_025 {
+            assert_eq!(judged(&mut estimator, &again(k)), Err(Reason::SequenceWentBack), "{k}");
+        }
+        assert_eq!(judged(&mut estimator, &again(1_025)), Ok(()));
+        // Another one beside it, that counts from elsewhere.
+        let mut reasons = Vec::new();
+        for k in 1_026..1_126 {
+            let from = if k % 2 == 0 { 5_000_000 } else { 0 };
+            let source = RobotState { sequence: from + k, ..state(k) };
+            reasons.push(judged(&mut estimator, &source));
+        }
+        assert_eq!(*reasons.last().unwrap(), Err(Reason::TwoSources));
     }
 
     #[test]
