@@ -290,8 +290,12 @@ impl<const N: usize> Cycle<N> {
         if self.stopping_since_ns.is_some() {
             return Err(Reason::StopRequested);
         }
+        let robot_permits = self.inbox.robot_permits();
+        if robot_permits.is_err() {
+            self.motion.robot_brakes();
+        }
         self.supervisor.check_fault()?;
-        self.inbox.robot_permits().inspect_err(|_| self.motion.robot_brakes())?;
+        robot_permits?;
         let state = measured?;
         if !self.motion.limits().contain(&state.position) {
             return Err(Reason::JointLimit);

@@ -60,11 +60,11 @@ const fn fault(name: &'static str, reason: Reason, apply: Apply) -> Fault {
 const GOAL: usize = 1;
 
 const FAULTS: &[Fault] = &[
-    fault("a position jumps by 2 rad, and stays there", Reason::StateUnbelievable, |s, _| {
+    fault("a position that jumps by 2 rad, to and fro", Reason::StateUnbelievable, |s, _| {
         s.position[0] += if s.sequence.is_multiple_of(2) { 2.0 } else { -2.0 };
     }),
     fault(
-        "a velocity of 5 rad/s beside a position that stays",
+        "a velocity of ±5 rad/s beside what the position does",
         Reason::StateUnbelievable,
         |s, _| {
             s.velocity[2] = if s.sequence.is_multiple_of(2) { 5.0 } else { -5.0 };
@@ -76,7 +76,7 @@ const FAULTS: &[Fault] = &[
     fault("five joints in place of six", Reason::JointCount, |s, _| s.joint_count = 5),
     fault("a sequence number that stands still", Reason::SequenceStuck, |s, _| s.sequence = STUCK),
     fault("two sources that count differently", Reason::TwoSources, |s, _| {
-        s.sequence += if s.sequence.is_multiple_of(2) { STUCK } else { 0 };
+        s.sequence += if s.sequence.is_multiple_of(2) { 2 * STUCK } else { STUCK };
     }),
     fault("200 states missing between each two", Reason::StatesLost, |s, _| s.sequence *= 200),
     fault("a time stamp that stands still", Reason::StateTimeStuck, |s, _| s.time_ns = STUCK_NS),
