@@ -433,15 +433,21 @@ mod tests {
     }
 
     #[test]
-    fn messages_travel_both_ways_and_only_the_newest_is_kept() {
+    fn messages_travel_both_ways_and_only_the_newest_are_kept() {
         let instance = instance("travel");
         let robot = instance.open_state_publisher().unwrap();
         let controller = instance.open_controller().unwrap();
-        for sequence in 1..=3 {
+        let kept = STATE_BUFFER as u64;
+        for sequence in 1..=3 * kept {
             assert!(robot.state.publish(RobotState { sequence, ..Default::default() }));
+            assert!(robot.frames.publish(TaskFrames { sequence, ..Default::default() }));
         }
-        assert_eq!(controller.state.receive().unwrap().sequence, 3);
+        for sequence in 2 * kept + 1..=3 * kept {
+            assert_eq!(controller.state.receive().unwrap().sequence, sequence);
+        }
         assert!(controller.state.receive().is_none());
+        assert_eq!(controller.frames.receive().unwrap().sequence, 3 * kept);
+        assert!(controller.frames.receive().is_none());
         assert!(controller.command.publish(JointCommand { sequence: 7, ..Default::default() }));
         assert_eq!(robot.command.receive().unwrap().sequence, 7);
     }
@@ -463,10 +469,13 @@ mod tests {
         };
         publish(1..=kept);
         assert_eq!(received(), (1..=kept).collect::<Vec<_>>());
-        assert_eq!(controller.state.receive().unwrap().sequence, kept);
+        let newest = || -> Option<u64> {
+            std::iter::from_fn(|| controller.state.receive().map(|s| s.sequence)).last()
+        };
+        assert_eq!(newest(), Some(kept));
         publish(kept + 1..=3 * kept);
         assert_eq!(received(), (2 * kept + 1..=3 * kept).collect::<Vec<_>>());
-        assert_eq!(controller.state.receive().unwrap().sequence, 3 * kept);
+        assert_eq!(newest(), Some(3 * kept));
     }
 
     #[test]
