@@ -77,7 +77,7 @@ fn numbers_beyond_any_model() {
     position.components[0].metric[0][0] = 1e30;
     let message = refused("metric.ron", &model);
     assert!(message.contains("policy.position.components[0].metric"), "{message}");
-    assert!(message.contains("expected numbers within 1e12, found 1e30"), "{message}");
+    assert!(message.contains("expected numbers within 1e15, found 1e30"), "{message}");
 }
 
 #[test]

@@ -249,6 +249,7 @@ mod tests {
                 episode: episode.clone(),
             };
             let folder = std::env::temp_dir().join(format!("planar-{name}-{}", std::process::id()));
+            std::fs::create_dir_all(&folder).unwrap();
             let run = Self { folder, rows: (0..100).map(row).collect(), bridge };
             run.write_controller(&json!({
                 "ticks": 2000, "deadline_misses": 1, "allocations": 0,
