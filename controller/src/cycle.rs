@@ -50,6 +50,8 @@ pub struct Cycle<const N: usize> {
     braking_for: Option<Reason>,
     /// Whether that lasts, or the arm has only to come to rest.
     lasts: bool,
+    /// Whether states arrive whose time does not grow.
+    time_stands: bool,
     supervisor: Supervisor,
     shared: Shared,
     exchange: Option<Exchange<N>>,
@@ -91,6 +93,7 @@ impl<const N: usize> Cycle<N> {
             motion: MotionGenerator::new(limits, config),
             braking_for: None,
             lasts: false,
+            time_stands: false,
             supervisor: Supervisor::new(&config.supervision, false),
             exchange: None,
             last_entry: None,
@@ -111,17 +114,23 @@ impl<const N: usize> Cycle<N> {
         }
     }
 
+    /// Whether nobody has looked yet at the end of the controller before this one.
+    #[must_use]
+    pub fn follows_a_crash(&self) -> bool {
+        self.supervisor.follows_a_crash()
+    }
+
     /// What the loop measured.
     #[must_use]
     pub fn telemetry(&self) -> &Telemetry {
         &self.telemetry
     }
 
-    /// The controller before this one did not end by itself, and was doing this.
+    /// The controller before this one did not end by itself, and was doing this; somebody has looked, or not.
     #[must_use]
-    pub fn after(mut self, last: Option<Entry>, config: &Supervision) -> Self {
-        self.supervisor = Supervisor::new(config, last.is_some());
-        self.last_entry = last;
+    pub fn after(mut self, last: Entry, looked: bool, config: &Supervision) -> Self {
+        self.supervisor = Supervisor::new(config, !looked);
+        self.last_entry = Some(last);
         self
     }
 
@@ -166,7 +175,7 @@ impl<const N: usize> Cycle<N> {
             self.check_stop(stop, now_ns);
             let measured = self.measure(now_ns);
             let followed = self
-                .permit(measured, now_ns)
+                .permit(measured, now_ns, dt)
                 .and_then(|state| self.follow_policy(&state, dt, now_ns));
             let (mode, reason) = match followed {
                 Ok(reason) => (CommandMode::Track, reason),
@@ -177,7 +186,7 @@ impl<const N: usize> Cycle<N> {
             let evaluated_ns = monotonic_ns();
 
             self.publish_command(mode, reason, now_ns);
-            self.record(&wake, &Milestones { read_ns, evaluated_ns }, reason, measured.ok());
+            self.record(&wake, &Milestones { read_ns, evaluated_ns }, reason);
             if stopped {
                 return;
             }
@@ -255,11 +264,13 @@ impl<const N: usize> Cycle<N> {
         if let Some(exchange) = exchange {
             exchange.take(|new| {
                 *new.policy.governor() = *policy.governor();
+                new.scene.keep_obstacles(&inbox.scene);
                 core::mem::swap(policy, &mut new.policy);
                 core::mem::swap(workspace, &mut new.workspace);
                 core::mem::swap(&mut inbox.scene, &mut new.scene);
                 inbox.update_scene();
                 task.set_has_orientation(policy.has_orientation());
+                task.interrupt();
             });
         }
     }
@@ -275,7 +286,9 @@ impl<const N: usize> Cycle<N> {
     /// The joints as measured, where the newest state can be believed. Done in every tick: what
     /// brakes the arm must see where it is.
     fn measure(&mut self, now_ns: u64) -> Result<JointState<N>, Reason> {
-        let (joints, time_ns) = self.inbox.measured(now_ns)?;
+        let measured = self.inbox.measured(now_ns);
+        self.time_stands = matches!(measured, Err(Reason::StateTimeStuck));
+        let (joints, time_ns) = measured?;
         self.motion.observe(&joints, time_ns);
         Ok(joints)
     }
@@ -285,14 +298,15 @@ impl<const N: usize> Cycle<N> {
         &mut self,
         measured: Result<JointState<N>, Reason>,
         now_ns: u64,
+        dt: f64,
     ) -> Result<JointState<N>, Reason> {
         self.lasts = true;
-        if self.stopping_since_ns.is_some() {
-            return Err(Reason::StopRequested);
-        }
         let robot_permits = self.inbox.robot_permits();
         if robot_permits.is_err() {
             self.motion.robot_brakes();
+        }
+        if self.stopping_since_ns.is_some() {
+            return Err(Reason::StopRequested);
         }
         self.supervisor.check_fault()?;
         robot_permits?;
@@ -304,7 +318,7 @@ impl<const N: usize> Cycle<N> {
         if self.timing.overruns.stop() {
             return Err(Reason::Overrun);
         }
-        self.task.check_gripper(self.inbox.gripper()?)?;
+        self.task.check_gripper(self.inbox.gripper()?, dt)?;
         self.supervisor.check_request()?;
         // Whatever has gone wrong: first to rest, then on.
         self.lasts = false;
@@ -326,6 +340,7 @@ impl<const N: usize> Cycle<N> {
         dt: f64,
         now_ns: u64,
     ) -> Result<Reason, Reason> {
+        self.lasts = true;
         let gripper = self.inbox.gripper()?;
         if self.motion.is_holding() {
             self.workspace.restart();
@@ -385,12 +400,13 @@ impl<const N: usize> Cycle<N> {
     /// brake.
     fn brake(&mut self, measured: Option<JointState<N>>, reason: Reason, dt: f64) -> CommandMode {
         self.braking_for = Some(reason);
-        self.supervisor.fail(reason);
+        self.task.interrupt();
+        // What the arm has only to come to rest from has been looked at, or has passed.
+        if self.lasts {
+            self.supervisor.fail(reason);
+        }
         // In lockstep no time passes then, in which the arm could be brought to rest.
-        if self.lasts
-            && reason == Reason::StateTimeStuck
-            && self.timing.pacing() == Pacing::Lockstep
-        {
+        if self.time_stands && self.timing.pacing() == Pacing::Lockstep {
             self.motion.robot_brakes();
         }
         // Whether the arm makes progress is judged anew once it goes on.
@@ -416,6 +432,12 @@ impl<const N: usize> Cycle<N> {
         dt: f64,
     ) -> Option<Setpoint<N>> {
         let state = measured.filter(|_| self.lasts && self.motion.may_leave_rest())?;
+        // Where somebody asked for a hold, or nobody for a start, or no obstacles are known, it does not go anywhere
+        // else for the sake of its frames.
+        let frames = kind(reason) == Kind::Frames;
+        if frames && (self.supervisor.check_request().is_err() || !self.inbox.scene.is_known()) {
+            return None;
+        }
         let retreat = match (self.supervisor.fallback(reason), kind(reason)) {
             (Fallback::Hold, _) => return None,
             (Fallback::GravityOnly, _) => {
@@ -452,13 +474,7 @@ impl<const N: usize> Cycle<N> {
     }
 
     /// Counts the tick, publishes the status and connects to new peers.
-    fn record(
-        &mut self,
-        wake: &Wake,
-        milestones: &Milestones,
-        reason: Reason,
-        measured: Option<JointState<N>>,
-    ) {
+    fn record(&mut self, wake: &Wake, milestones: &Milestones, reason: Reason) {
         let Milestones { read_ns, evaluated_ns } = *milestones;
         let published_ns = monotonic_ns();
         let timed = self.timing.pacing() != Pacing::Lockstep;
@@ -477,7 +493,7 @@ impl<const N: usize> Cycle<N> {
             skipped: if timed { wake.skipped } else { 0 },
             reason,
         };
-        self.timing.overruns.end(tick.missed, self.motion.rests(measured));
+        self.timing.overruns.end(tick.missed, self.motion.is_settled());
         self.telemetry.record(&tick);
         self.publish_status(reason, published_ns, &tick.times);
         self.peers.connect_to_new();

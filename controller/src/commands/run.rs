@@ -124,6 +124,10 @@ impl WithRobot for Work<'_> {
         let (path, done) = (&run.config, run.until_done);
         let cycle = startup::cycle::<N>(path, &loaded, pacing, done, &instance, shared.clone())?;
         let (journal, last) = Journal::begin(&instance.folder())?;
+        if let Some(entry) = &last {
+            // What it was doing stays known until the loop goes on.
+            shared.task.store(entry.gripping, entry.goal().as_ref());
+        }
         let (server, exchange) = Server::start(
             &instance,
             shared.clone(),
@@ -131,8 +135,12 @@ impl WithRobot for Work<'_> {
             config.supervision.settable.clone(),
             run.builder(config.clone()),
         )?;
-        let last = last.filter(|_| !run.reset);
-        let mut cycle = cycle.after(last, &config.supervision).exchanging(exchange);
+        let is_well = last.is_none() || run.reset;
+        let mut cycle = match last {
+            Some(entry) => cycle.after(entry, run.reset, &config.supervision),
+            None => cycle,
+        }
+        .exchanging(exchange);
         errln!(
             "controller: skill {}, {N} joints, instance `{}`: waiting for state and frames",
             names.join(" with "),
@@ -143,12 +151,14 @@ impl WithRobot for Work<'_> {
         let granted = (pacing != Pacing::Lockstep).then(|| realtime::set_up(real_time));
         for denied in granted.iter().flat_map(|granted: &Granted| &granted.denied) {
             if real_time.required.contains(&denied.capability) {
+                server.end(is_well);
                 return Err(RunError::Denied(denied.clone()));
             }
             errln!("controller: {denied}");
         }
         let outcome = cycle.run(&shared.stop);
-        drop((monitor, granted, server));
+        drop((monitor, granted));
+        server.end(!cycle.follows_a_crash());
         let summary = cycle.telemetry().summary(&outcome);
         report(&summary, outcome.life_cycle);
         run.summary.as_deref().map_or(Ok(()), |path| write_summary(path, &summary))

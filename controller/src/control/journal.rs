@@ -77,7 +77,7 @@ impl SharedTask {
     }
 }
 
-/// The file. Dropped, it is gone: the controller has ended by itself.
+/// The file. It stays where nobody ends it.
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,
@@ -111,17 +111,16 @@ impl Journal {
         if *entry == self.written { Ok(()) } else { self.write(entry) }
     }
 
+    /// The controller ends by itself: the file goes.
+    pub fn end(self) {
+        let _ = std::fs::remove_file(&self.path);
+    }
+
     fn write(&mut self, entry: &Entry) -> io::Result<()> {
         let text = serde_json::to_string(entry).map_err(io::Error::other)?;
         write(&self.path, text, Existing::Replace).map_err(io::Error::other)?;
         self.written = *entry;
         Ok(())
-    }
-}
-
-impl Drop for Journal {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.path);
     }
 }
 
@@ -140,12 +139,12 @@ mod tests {
             Pose { position: DVec3::new(0.1, 0.2, 0.3), orientation: DQuat::from_rotation_x(0.4) };
         task.store(true, Some(&goal));
         journal.update(&task.load()).unwrap();
-        // Killed: nothing is dropped.
-        core::mem::forget(journal);
+        // Killed.
+        drop(journal);
         let (journal, last) = Journal::begin(&folder).unwrap();
         assert_eq!(last, Some(task.load()));
         assert_eq!(last.unwrap().goal(), Some(goal));
-        drop(journal);
+        journal.end();
         assert_eq!(Journal::begin(&folder).unwrap().1, None, "it ended by itself");
         write(&folder.join("controller.journal"), "rubbish", Existing::Replace).unwrap();
         assert_eq!(Journal::begin(&folder).unwrap().1, Some(Entry::default()));

@@ -1,7 +1,7 @@
 //! What was asked of the loop from outside: set by other threads, taken by the loop at the beginning of a tick.
 //! No lock, no allocation.
 
-use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 
 /// A gain that can be changed while the loop runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,11 +38,15 @@ impl Setting {
     }
 }
 
+const NOTHING: u8 = 0;
+const START: u8 = 1;
+const HOLD: u8 = 2;
+
 /// Requests that the loop has not taken yet.
 #[derive(Debug)]
 pub struct Requests {
-    start: AtomicBool,
-    hold: AtomicBool,
+    /// The last one counts.
+    go: AtomicU8,
     reset: AtomicBool,
     /// Values as bits, NaN where none was set.
     settings: [AtomicU64; Setting::ALL.len()],
@@ -51,8 +55,7 @@ pub struct Requests {
 impl Default for Requests {
     fn default() -> Self {
         Self {
-            start: AtomicBool::new(false),
-            hold: AtomicBool::new(false),
+            go: AtomicU8::new(NOTHING),
             reset: AtomicBool::new(false),
             settings: [const { AtomicU64::new(f64::NAN.to_bits()) }; Setting::ALL.len()],
         }
@@ -62,12 +65,12 @@ impl Default for Requests {
 impl Requests {
     /// Go on.
     pub fn start(&self) {
-        self.start.store(true, Ordering::Relaxed);
+        self.go.store(START, Ordering::Relaxed);
     }
 
     /// Hold.
     pub fn hold(&self) {
-        self.hold.store(true, Ordering::Relaxed);
+        self.go.store(HOLD, Ordering::Relaxed);
     }
 
     /// Forget the fault.
@@ -80,14 +83,13 @@ impl Requests {
         self.settings[setting as usize].store(value.to_bits(), Ordering::Relaxed);
     }
 
-    /// Whether a start was asked for, once.
-    pub fn take_start(&self) -> bool {
-        self.start.swap(false, Ordering::Relaxed)
-    }
-
-    /// Whether a hold was asked for, once.
-    pub fn take_hold(&self) -> bool {
-        self.hold.swap(false, Ordering::Relaxed)
+    /// Whether a start (`true`) or a hold was asked for, once; the last of both.
+    pub fn take_go(&self) -> Option<bool> {
+        match self.go.swap(NOTHING, Ordering::Relaxed) {
+            START => Some(true),
+            HOLD => Some(false),
+            _ => None,
+        }
     }
 
     /// Whether a reset was asked for, once.

@@ -79,10 +79,11 @@ impl Shared {
     }
 }
 
-/// The thread. Dropped, it ends, and the journal is gone.
+/// The thread. Dropped, it ends; the journal stays unless [`Server::end`] says that all is well.
 #[derive(Debug)]
 pub struct Server {
     closed: Arc<AtomicBool>,
+    well: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -111,7 +112,8 @@ impl Server {
         let (new, take_new) = sync_channel(1);
         let (give_old, old) = sync_channel(1);
         let closed = Arc::new(AtomicBool::new(false));
-        let seen = Arc::clone(&closed);
+        let well = Arc::new(AtomicBool::new(false));
+        let (seen, ends_well) = (Arc::clone(&closed), Arc::clone(&well));
         let mut work = Work { shared, settable, build, new, old, journal, journal_failed: false };
         let instance = instance.clone();
         // Ports stay in the thread that opened them.
@@ -123,6 +125,9 @@ impl Server {
                     work.look(&server);
                     thread::sleep(PERIOD);
                 }
+                if ends_well.load(Ordering::Relaxed) {
+                    work.journal.end();
+                }
             }
             Err(error) => {
                 let _ = opened.send(Err(error));
@@ -130,7 +135,14 @@ impl Server {
         });
         result.recv().unwrap_or(Ok(()))?;
         let exchange = Exchange { new: take_new, old: give_old };
-        Ok((Self { closed, thread: Some(thread) }, exchange))
+        Ok((Self { closed, well, thread: Some(thread) }, exchange))
+    }
+}
+
+impl Server {
+    /// Ends the thread, and the journal where nothing is left to look at.
+    pub fn end(self, well: bool) {
+        self.well.store(well, Ordering::Relaxed);
     }
 }
 

@@ -109,11 +109,10 @@ impl Supervisor {
         if requests.take_reset() {
             self.latched = None;
         }
-        if requests.take_hold() {
-            self.held = true;
-        }
-        if requests.take_start() {
-            (self.started, self.held) = (true, false);
+        match requests.take_go() {
+            Some(true) => (self.started, self.held) = (true, false),
+            Some(false) => self.held = true,
+            None => {}
         }
     }
 
@@ -122,6 +121,12 @@ impl Supervisor {
         if self.latching[reason.to_wire() as usize] {
             self.latched.get_or_insert(reason);
         }
+    }
+
+    /// Whether nobody has looked yet at the end of the controller before this one.
+    #[must_use]
+    pub fn follows_a_crash(&self) -> bool {
+        self.latched == Some(Reason::EndedUnexpectedly)
     }
 
     /// The fault that somebody has to look at.

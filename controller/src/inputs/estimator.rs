@@ -103,11 +103,12 @@ impl<const N: usize> StateEstimator<N> {
     /// Judges a state that was received at the time `now_ns` \[ns\]. No allocation.
     pub fn update(&mut self, state: &RobotState, now_ns: u64) {
         let before = self.sequence.replace(state.sequence);
-        // The very same message again is no news.
+        // The very same message again is no news; but in lockstep each one is new.
+        let in_lockstep = now_ns == state.time_ns;
         let same =
             |last: &Measured<N>| (last.sequence, last.time_ns) == (state.sequence, state.time_ns);
         let newest = self.candidate.map(|candidate| candidate.last).or(self.believed);
-        if before == Some(state.sequence) && newest.as_ref().is_some_and(same) {
+        if before == Some(state.sequence) && !in_lockstep && newest.as_ref().is_some_and(same) {
             return;
         }
         self.verdict = self.judge(state, now_ns);
@@ -140,6 +141,8 @@ impl<const N: usize> StateEstimator<N> {
     }
 
     fn judge(&mut self, state: &RobotState, now_ns: u64) -> Result<(), Reason> {
+        // What contradicts it, or itself, ends the confirmation of a candidate.
+        let candidate = self.candidate.take();
         let [position, velocity] = state.check(N)?.map(SVector::from_column_slice);
         let joints = JointState { position, velocity };
         let now = Measured { joints, sequence: state.sequence, time_ns: state.time_ns };
@@ -151,10 +154,10 @@ impl<const N: usize> StateEstimator<N> {
             return Err(Reason::StateUnbelievable);
         }
         let Some(believed) = self.believed else {
-            return self.confirm(&now, Reason::StateUnconfirmed, 0, now_ns);
+            return self.confirm(candidate, &now, (Reason::StateUnconfirmed, 0), now_ns);
         };
         if let Err(reason) = self.follows(&believed, &now) {
-            return self.confirm(&now, reason, CONFIRMED_NS, now_ns);
+            return self.confirm(candidate, &now, (reason, CONFIRMED_NS), now_ns);
         }
         self.accept(&believed, &now);
         if (0..N).any(|i| self.drift[i].abs() > self.speed_max[i] * DRIFT_MAX_S) {
@@ -197,16 +200,20 @@ impl<const N: usize> StateEstimator<N> {
         self.candidate = None;
     }
 
-    /// A state that does not follow the believed one: believed after `confirmed_ns` \[ns\] of states that
+    /// A state that does not follow the believed one, and the candidate so far: believed after `confirmed_ns` \[ns\] of states that
     /// agree with it.
     fn confirm(
         &mut self,
+        candidate: Option<Candidate<N>>,
         now: &Measured<N>,
-        reason: Reason,
-        confirmed_ns: u64,
+        (reason, confirmed_ns): (Reason, u64),
         now_ns: u64,
     ) -> Result<(), Reason> {
-        let again = self.candidate.filter(|last| self.follows(&last.last, now).is_ok());
+        let again = candidate.filter(|candidate| {
+            let last = &candidate.last;
+            let elapsed_ns = now.time_ns.saturating_sub(last.time_ns);
+            elapsed_ns <= CONFIRMED_NS && self.follows(last, now).is_ok()
+        });
         let candidate = match again {
             Some(last) => Candidate { last: *now, count: last.count + 1, ..last },
             None => {
@@ -277,8 +284,10 @@ mod tests {
     }
 
     fn judged(estimator: &mut StateEstimator<2>, state: &RobotState) -> Result<(), Reason> {
-        estimator.update(state, state.time_ns);
-        estimator.measured(state.time_ns).map(|_| ())
+        // On the clock: a moment after it was measured.
+        let now_ns = state.time_ns + 1;
+        estimator.update(state, now_ns);
+        estimator.measured(now_ns).map(|_| ())
     }
 
     fn running(until: u64) -> StateEstimator<2> {

@@ -57,15 +57,17 @@ impl<const N: usize> Inbox<N> {
     /// # Errors
     /// What is still missing.
     pub fn connect(&mut self, ports: &ControllerPorts) -> Result<(), Reason> {
-        self.state = ports.state.receive().or(self.state.take());
+        if let Some(state) = ports.state.receive() {
+            let now_ns = if self.lockstep { state.time_ns } else { monotonic_ns() };
+            self.estimator.update(&state, now_ns);
+            self.state = Some(state);
+        }
         let frames = ports.frames.receive();
         let connected = ports.update_connections();
         self.frames = frames.or(self.frames.take());
         match (&self.state, &self.frames) {
             (None, _) => Err(Reason::StateStale),
-            (Some(state), Some(_)) if connected => {
-                let now_ns = if self.lockstep { state.time_ns } else { monotonic_ns() };
-                self.estimator.update(state, now_ns);
+            (Some(_), Some(_)) if connected => {
                 self.update_scene();
                 Ok(())
             }

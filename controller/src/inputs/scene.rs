@@ -16,6 +16,8 @@ pub struct Scene {
     goal_frame: usize,
     obstacles: [Obstacle; OBSTACLE_CAPACITY],
     obstacle_count: usize,
+    /// Whether obstacles were believed once.
+    known: bool,
     time_ns: Option<u64>,
 }
 
@@ -34,6 +36,7 @@ impl Scene {
             goal_frame,
             obstacles: [nothing; OBSTACLE_CAPACITY],
             obstacle_count: 0,
+            known: false,
             time_ns: None,
         }
     }
@@ -54,6 +57,18 @@ impl Scene {
     #[must_use]
     pub fn obstacles(&self) -> &[Obstacle] {
         &self.obstacles[..self.obstacle_count]
+    }
+
+    /// Whether obstacles were believed once.
+    #[must_use]
+    pub fn is_known(&self) -> bool {
+        self.known
+    }
+
+    /// Takes over the obstacles of another scene.
+    pub fn keep_obstacles(&mut self, other: &Self) {
+        self.obstacles = other.obstacles;
+        (self.obstacle_count, self.known) = (other.obstacle_count, other.known);
     }
 
     /// Updates with a message, all of it or nothing.
@@ -84,6 +99,7 @@ impl Scene {
         }
         self.obstacles = obstacles;
         self.obstacle_count = count;
+        self.known = true;
         self.time_ns = Some(message.time_ns);
         Ok(())
     }

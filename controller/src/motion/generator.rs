@@ -45,6 +45,15 @@ enum Tie {
     Braked,
 }
 
+/// What moves an arm that was brought to rest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum MovedBy {
+    /// It goes to a posture.
+    Retreat,
+    /// It gives way.
+    Others,
+}
+
 /// The reference that the arm follows, and what becomes of it when the policy may not be followed.
 #[derive(Debug)]
 pub struct MotionGenerator<const N: usize> {
@@ -58,8 +67,8 @@ pub struct MotionGenerator<const N: usize> {
     own_stop: bool,
     /// Whether the policy was not followed in the last tick.
     holding: bool,
-    /// Whether something else than the policy has moved the arm from rest since then.
-    left_rest: bool,
+    /// What has moved the arm from rest since then, where it was not the policy.
+    moved_by: Option<MovedBy>,
     fade_s: f64,
     disturbance: Option<DisturbanceObserver<N>>,
 }
@@ -79,7 +88,7 @@ impl<const N: usize> MotionGenerator<N> {
             tie: Tie::Unseen,
             own_stop: false,
             holding: true,
-            left_rest: false,
+            moved_by: None,
             fade_s: 0.0,
             disturbance: config.disturbance.map(DisturbanceObserver::new),
         }
@@ -158,8 +167,12 @@ impl<const N: usize> MotionGenerator<N> {
         self.fade_s += dt;
         let brake = motion.braking(&self.limits, self.stop.deceleration_fraction, dt);
         let faded = self.limits.scaled(&(wanted * fade + brake * (1.0 - fade)));
-        let yielded = self.tracking.yielding(&motion, state, dt);
-        motion.advance(&(faded + yielded), &self.limits, dt);
+        // What the limits leave of the yielding is no acceleration that the arm is asked for.
+        let mut unyielding = motion;
+        unyielding.advance(&faded, &self.limits, dt);
+        let yielding = self.tracking.yielding(&motion, state, dt);
+        motion.advance(&(faded + yielding), &self.limits, dt);
+        let yielded = motion.acceleration - unyielding.acceleration;
         self.tie = Tie::Follows;
         let torques = self.torques(chain, state, &motion, Some(&yielded), dt);
         self.publish(motion, torques, yielded, dt).ok_or(Reason::CommandNotFinite)
@@ -177,7 +190,7 @@ impl<const N: usize> MotionGenerator<N> {
         dt: f64,
     ) -> Option<(Setpoint<N>, CommandMode)> {
         self.holding = true;
-        self.left_rest = false;
+        self.moved_by = None;
         // What lies beyond the robot's description is no place to hold.
         let inside = measured.filter(|state| self.limits.contain(&state.position));
         if self.published.is_none() && inside.is_none() {
@@ -223,7 +236,7 @@ impl<const N: usize> MotionGenerator<N> {
     /// policy.
     #[must_use]
     pub fn may_leave_rest(&self) -> bool {
-        self.tie == Tie::Follows && (self.left_rest || self.reference_rests())
+        self.tie == Tie::Follows && self.is_settled()
     }
 
     /// As [`MotionGenerator::follow`], while the policy is not followed.
@@ -234,9 +247,10 @@ impl<const N: usize> MotionGenerator<N> {
         wanted: &SVector<f64, N>,
         dt: f64,
     ) -> Option<Setpoint<N>> {
-        self.holding = !self.left_rest;
+        self.holding = self.moved_by != Some(MovedBy::Retreat);
         let setpoint = self.follow(chain, state, wanted, dt).ok();
-        (self.holding, self.left_rest) = (true, setpoint.is_some());
+        self.holding = true;
+        self.moved_by = setpoint.as_ref().map(|_| MovedBy::Retreat);
         setpoint
     }
 
@@ -248,7 +262,7 @@ impl<const N: usize> MotionGenerator<N> {
         state: &JointState<N>,
         dt: f64,
     ) -> Option<Setpoint<N>> {
-        self.left_rest = true;
+        self.moved_by = Some(MovedBy::Others);
         let mut motion = self.reference(state);
         let yielded = self.tracking.yielding(&motion, state, dt);
         motion.advance(&yielded, &self.limits, dt);
@@ -287,6 +301,12 @@ impl<const N: usize> MotionGenerator<N> {
     #[must_use]
     pub fn reference_rests(&self) -> bool {
         self.published.is_none_or(|last| last.motion.rests())
+    }
+
+    /// Whether the reference was brought to rest, also where something else than the policy moves it since.
+    #[must_use]
+    pub fn is_settled(&self) -> bool {
+        self.moved_by.is_some() || self.reference_rests()
     }
 
     /// Whether reference and arm are at rest.

@@ -88,6 +88,9 @@ impl Tracking {
     }
 }
 
+/// How much of the largest change is gravity's, which changes with the posture only.
+const GRAVITY_FRACTION: f64 = 0.2;
+
 impl<const N: usize> Torques<N> {
     /// What holds the arm at `position` against gravity, and nothing beside it.
     #[must_use]
@@ -106,12 +109,13 @@ impl<const N: usize> Torques<N> {
     /// that holds the arm against gravity, what is beside it, and their sum change no faster than they may.
     #[must_use]
     pub fn after(mut self, before: &Self, limits: &JointLimits<N>, dt: f64) -> Self {
-        let step = limits.effort_rate_max * (0.5 * dt);
-        let near = |wanted: &SVector<f64, N>, before: &SVector<f64, N>| {
+        let near = |wanted: &SVector<f64, N>, before: &SVector<f64, N>, fraction: f64| {
+            let step = limits.effort_rate_max * (fraction * dt);
             wanted.zip_zip_map(before, &step, |w, b, step| w.clamp(b - step, b + step))
         };
-        let total = near(&(self.motion + self.gravity), &(before.motion + before.gravity));
-        self.gravity = near(&self.gravity, &before.gravity);
+        let (total, before_total) = (self.motion + self.gravity, before.motion + before.gravity);
+        let total = near(&total, &before_total, 1.0 - GRAVITY_FRACTION);
+        self.gravity = near(&self.gravity, &before.gravity, GRAVITY_FRACTION);
         self.motion = total - self.gravity;
         self
     }

@@ -78,11 +78,12 @@ impl TaskState {
     /// was doing where it did not end by itself. An object that is held is not let go: where it was gripped
     /// by that controller, its lift goes on.
     pub fn begin(&mut self, gripper: GripperState, last: Option<&Entry>) {
-        if self.lift.is_none() || gripper != GripperState::Holding {
+        let gripped = last.filter(|entry| entry.gripping);
+        if self.lift.is_none() || (gripper != GripperState::Holding && gripped.is_none()) {
             return;
         }
         self.gripper = GripperCommand::Grip;
-        match last.filter(|entry| entry.gripping) {
+        match gripped {
             Some(entry) => {
                 // Gripped, but not yet noted where to: the first tick says.
                 self.stage = entry.goal().map_or(Stage::Skill, |goal| Stage::Lift { goal });
@@ -91,18 +92,25 @@ impl TaskState {
         }
     }
 
-    /// Whether what the gripper senses lets the task go on.
+    /// Whether what the gripper senses, `dt` \[s\] after it was asked the last time, lets the task go on.
     ///
     /// # Errors
     /// When it holds something that nobody is known to have gripped.
-    pub fn check_gripper(&mut self, gripper: GripperState) -> Result<(), Reason> {
-        if self.found_holding && gripper == GripperState::Holding {
+    pub fn check_gripper(&mut self, gripper: GripperState, dt: f64) -> Result<(), Reason> {
+        if !self.found_holding {
+            return Ok(());
+        }
+        self.lost_s = if gripper == GripperState::Holding { 0.0 } else { self.lost_s + dt };
+        if self.lost_s <= LOST_S {
             return Err(Reason::GripperHolds);
         }
-        if core::mem::take(&mut self.found_holding) {
-            self.gripper = GripperCommand::Release;
-        }
+        (self.found_holding, self.gripper) = (false, GripperCommand::Release);
         Ok(())
+    }
+
+    /// The policy is not followed, or another one: from when on the task is done is judged anew.
+    pub fn interrupt(&mut self) {
+        self.done_since_ns = None;
     }
 
     /// Where what the gripper holds is lifted to.
@@ -252,9 +260,11 @@ mod tests {
         let mut task = TaskState::new(Some(LIFT), DONE, true);
         task.begin(GripperState::Holding, None);
         assert_eq!(task.gripper(), GripperCommand::Grip);
-        assert_eq!(task.check_gripper(GripperState::Holding), Err(Reason::GripperHolds));
+        let holds = Err(Reason::GripperHolds);
+        assert_eq!(task.check_gripper(GripperState::Holding, 0.06), holds);
         assert_eq!(task.gripper(), GripperCommand::Grip);
-        assert_eq!(task.check_gripper(GripperState::Open), Ok(()), "somebody took it out");
+        assert_eq!(task.check_gripper(GripperState::Open, 0.06), holds, "not yet a loss");
+        assert_eq!(task.check_gripper(GripperState::Open, 0.06), Ok(()), "somebody took it out");
         assert_eq!(task.gripper(), GripperCommand::Release);
     }
 
@@ -264,7 +274,7 @@ mod tests {
         let last = Entry { gripping: true, lift_goal: Some([0.5, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0]) };
         let mut task = TaskState::new(Some(LIFT), DONE, true);
         task.begin(GripperState::Holding, Some(&last));
-        assert_eq!(task.check_gripper(GripperState::Holding), Ok(()));
+        assert_eq!(task.check_gripper(GripperState::Holding, 0.001), Ok(()));
         let (cycle, remaining) = task.advance(GripperState::Holding, &tool, &goal, 0, 0.001);
         assert_eq!((cycle, task.gripper()), (LifeCycle::Lifting, GripperCommand::Grip));
         assert!((remaining.distance_m - 0.06).abs() < 1e-12, "to where it was being lifted");
