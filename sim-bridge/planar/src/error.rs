@@ -67,7 +67,7 @@ impl SimError {
     }
 }
 
-/// Largest file [bytes]: the log of a run has some million.
+/// Largest file \[bytes\]: the log of a run has some million.
 const BYTES_MAX: u64 = 32 << 20;
 
 /// Reads a text file of at most 32 MiB.
