@@ -90,7 +90,7 @@ pub fn write(path: &Path, content: impl AsRef<[u8]>, existing: Existing) -> Resu
 /// Whether a file could be written: tries it beside the file, and touches nothing.
 ///
 /// # Errors
-/// Those of [`write`].
+/// Those of [`write()`].
 pub fn try_out(path: &Path, existing: Existing) -> Result<(), WriteError> {
     Draft::open(path, existing).map(drop)
 }
@@ -118,7 +118,7 @@ impl Draft {
     /// Begins a file.
     ///
     /// # Errors
-    /// Those of [`write`].
+    /// Those of [`write()`].
     pub fn open(path: &Path, existing: Existing) -> Result<Self, WriteError> {
         let target = target(path)?;
         let there = there(path, existing)?;
@@ -157,7 +157,7 @@ impl Draft {
     /// Gives the file its name.
     ///
     /// # Errors
-    /// Those of [`write`].
+    /// Those of [`write()`].
     pub fn keep(self) -> Result<(), WriteError> {
         let Self { file, path, target, existing } = self;
         let failed = WriteError::system(&path);
