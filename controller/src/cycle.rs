@@ -10,7 +10,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 
 use tprmp_messages::{CommandMode, ControllerPorts, GripperCommand, LifeCycle, Reason};
-use tprmp_model::controller_config::{ControllerConfig, Fallback, Supervision, Trigger};
+use tprmp_model::controller_config::{ControllerConfig, Fallback, Trigger};
 
 use crate::control::journal::Entry;
 use crate::control::requests::Setting;
@@ -94,7 +94,7 @@ impl<const N: usize> Cycle<N> {
             braking_for: None,
             lasts: false,
             time_stands: false,
-            supervisor: Supervisor::new(&config.supervision, false),
+            supervisor: Supervisor::new(&config.supervision),
             exchange: None,
             last_entry: None,
             stopping_since_ns: None,
@@ -128,8 +128,10 @@ impl<const N: usize> Cycle<N> {
 
     /// The controller before this one did not end by itself, and was doing this; somebody has looked, or not.
     #[must_use]
-    pub fn after(mut self, last: Entry, looked: bool, config: &Supervision) -> Self {
-        self.supervisor = Supervisor::new(config, !looked);
+    pub fn after(mut self, last: Entry, looked: bool) -> Self {
+        if !looked {
+            self.supervisor.fail(Reason::EndedUnexpectedly);
+        }
         self.last_entry = Some(last);
         self
     }
@@ -322,9 +324,6 @@ impl<const N: usize> Cycle<N> {
         self.supervisor.check_request()?;
         // Whatever has gone wrong: first to rest, then on.
         self.lasts = false;
-        if self.braking_for.is_some() {
-            self.motion.hold();
-        }
         if !self.motion.may_follow(&state) {
             return Err(self.braking_for.unwrap_or(Reason::ArmElsewhere));
         }
@@ -351,14 +350,7 @@ impl<const N: usize> Cycle<N> {
             }
             external.advance(now_ns, dt);
         }
-        let scene = &self.inbox.scene;
-        let parameters = TaskParameters {
-            frames: scene.frames(),
-            goal_frame: scene.goal_frame(),
-            obstacles: scene.obstacles(),
-            external: self.inbox.external.as_ref(),
-            dt_s: dt,
-        };
+        let parameters = parameters(&self.inbox, dt);
         let (q, qd) = (&state.position, &state.velocity);
         let decision = self
             .policy
@@ -446,15 +438,8 @@ impl<const N: usize> Cycle<N> {
             (Fallback::Retreat(_), Kind::Frames) => Retreat::Frames,
             (Fallback::Retreat(_), _) => Retreat::Request,
         };
-        let scene = &self.inbox.scene;
-        let parameters = TaskParameters {
-            frames: scene.frames(),
-            goal_frame: scene.goal_frame(),
-            obstacles: scene.obstacles(),
-            external: None,
-            dt_s: dt,
-        };
-        let Self { policy, workspace, motion, .. } = self;
+        let Self { policy, workspace, motion, inbox, .. } = self;
+        let parameters = TaskParameters { external: None, ..parameters(inbox, dt) };
         let at = (&state.position, &state.velocity);
         let wanted = policy.retreat(retreat, at, &parameters, workspace).ok()??;
         motion.retreat(policy.chain(), &state, &wanted, dt)
@@ -505,5 +490,17 @@ impl<const N: usize> Cycle<N> {
         let Self { outbox, peers, telemetry, inbox, .. } = self;
         let measured = (times, inbox.states_lost());
         outbox.publish_status(peers, (life_cycle, reason), telemetry, measured, now_ns);
+    }
+}
+
+/// The task parameters of a tick of `dt` \[s\], as the newest messages have them.
+fn parameters<const N: usize>(inbox: &Inbox<N>, dt: f64) -> TaskParameters<'_> {
+    let Inbox { scene, external, .. } = inbox;
+    TaskParameters {
+        frames: scene.frames(),
+        goal_frame: scene.goal_frame(),
+        obstacles: scene.obstacles(),
+        external: external.as_ref(),
+        dt_s: dt,
     }
 }

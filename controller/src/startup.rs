@@ -149,8 +149,8 @@ pub fn load_with(
     allow_uncertified: bool,
 ) -> Result<Loaded, StartError> {
     let config = controller_config::read_with(config_path, edit)?;
-    let skills = load_skills(config_path, &config, model_paths, allow_uncertified)?;
-    Ok(Loaded { config, skills })
+    check_names(config_path, &config)?;
+    load_skills(config_path, config, model_paths, allow_uncertified)
 }
 
 /// Reads and validates models for a configuration, the task's first.
@@ -159,10 +159,10 @@ pub fn load_with(
 /// As [`load`].
 pub fn load_skills(
     config_path: &Path,
-    config: &ControllerConfig,
+    config: ControllerConfig,
     model_paths: &[impl AsRef<Path>],
     allow_uncertified: bool,
-) -> Result<Vec<LoadedSkill>, StartError> {
+) -> Result<Loaded, StartError> {
     let further = config.additional_skills.len();
     if model_paths.len() != 1 + further {
         let expected = format!(
@@ -171,7 +171,7 @@ pub fn load_skills(
         let found = format!("it {} times", model_paths.len());
         return Err(StartError::key(config_path, "additional_skills", expected, found));
     }
-    let load = |path: &_| load_skill(config_path, config, AsRef::as_ref(path), allow_uncertified);
+    let load = |path: &_| load_skill(config_path, &config, AsRef::as_ref(path), allow_uncertified);
     let skills: Vec<_> = model_paths.iter().map(load).collect::<Result<_, _>>()?;
     let frames: usize = skills.iter().map(|skill| skill.policy.frame_count()).sum();
     if frames > FRAME_CAPACITY {
@@ -187,7 +187,7 @@ pub fn load_skills(
         );
         return Err(StartError::key(config_path, "joint_damping.inertia", expected, "zero"));
     }
-    Ok(skills)
+    Ok(Loaded { config, skills })
 }
 
 /// Reads a model and checks that it fits the configuration.
@@ -327,12 +327,11 @@ pub fn with_robot<W: WithRobot>(
 /// [`StartError`].
 pub fn replacement<const N: usize>(
     config_path: &Path,
-    config: &ControllerConfig,
-    skills: &[LoadedSkill],
+    loaded: &Loaded,
 ) -> Result<Replacement<N>, StartError> {
+    let Loaded { config, skills } = loaded;
     let (chain, points) = robot::<N>(config_path, config)?;
-    let policies = skills.iter().map(|skill| skill.policy.clone()).collect();
-    let policy = RobotPolicy::new(chain, policies, &points, config);
+    let policy = RobotPolicy::new(chain, loaded.policies(), &points, config);
     let frame_name = |name: &str| name_bytes(name).expect("checked by `load`");
     let names = skills.iter().flat_map(|skill| {
         let frames = skill.model.frames.iter().take(skill.policy.frame_count());
@@ -356,9 +355,8 @@ pub fn cycle<const N: usize>(
     instance: &Instance,
     shared: Shared,
 ) -> Result<Cycle<N>, StartError> {
-    let Loaded { config, skills } = loaded;
-    check_names(config_path, config)?;
-    let replacement = replacement::<N>(config_path, config, skills)?;
+    let config = &loaded.config;
+    let replacement = replacement::<N>(config_path, loaded)?;
     let mut ports: ControllerPorts = instance.open_controller()?;
     if config.external.is_some() {
         ports.listen()?;
@@ -366,8 +364,11 @@ pub fn cycle<const N: usize>(
     Ok(Cycle::new(replacement, config, pacing, until_done, ports, shared))
 }
 
-/// Checks the names that only this process knows.
-fn check_names(config_path: &Path, config: &ControllerConfig) -> Result<(), StartError> {
+/// Checks the names in a configuration that only this process knows.
+///
+/// # Errors
+/// [`StartError::Key`].
+pub fn check_names(config_path: &Path, config: &ControllerConfig) -> Result<(), StartError> {
     let Supervision { latching, settable, .. } = &config.supervision;
     let unknown = latching.iter().find(|name| !named(name).is_some_and(can_latch));
     if let Some(name) = unknown {

@@ -98,6 +98,12 @@ fn a_wrong_configuration_is_refused() {
     case.refused(&missing, &case.model, &["planar.ron", "fade_in_s"]);
     let unknown = case.edited(config, "period_ns: ", "period_ms: ");
     case.refused(&unknown, &case.model, &["period_ms", "period_ns"]);
+    let latching = case.edited(config, "\"StateUnbelievable\"", "\"StateUnbelievabel\"");
+    let expected = ["supervision.latching", "StateUnbelievable", "StateUnbelievabel"];
+    case.refused(&latching, &case.model, &expected);
+    let checked = run(program("controller").args(["check", &latching]));
+    assert_eq!(checked.status.code(), Some(1), "{}", text(&checked));
+    assert!(expected.iter().all(|part| text(&checked).contains(part)), "{}", text(&checked));
     let urdf = case.edited(config, "../robots/point2d.urdf", "no-such-robot.urdf");
     case.refused(&urdf, &case.model, &["no-such-robot.urdf"]);
 }

@@ -18,6 +18,7 @@ use crate::timing::realtime;
 /// The first thing that would keep the controller from starting.
 pub fn check(config_path: &Path, model_paths: &[PathBuf]) -> Result<(), StartError> {
     let config = controller_config::read(config_path)?;
+    startup::check_names(config_path, &config)?;
     line("ok", "configuration", &config_path.display().to_string());
     startup::with_robot(config_path, &config, Describe { config_path, config: &config })??;
     if !model_paths.is_empty() {

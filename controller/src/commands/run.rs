@@ -92,15 +92,13 @@ impl Run {
             if self.lockstep { Pacing::Lockstep } else { Pacing::RealTime(config.cycle.trigger) };
         startup::with_robot(&self.config, &config, Work { run: self, loaded, instance, pacing })?
     }
-}
 
-impl Run {
     /// What builds the policies of other models while the loop runs.
     fn builder<const N: usize>(&self, config: ControllerConfig) -> Build<N> {
         let (path, allow_uncertified) = (self.config.clone(), self.allow_uncertified);
         Box::new(move |models| {
-            let skills = startup::load_skills(&path, &config, models, allow_uncertified);
-            let new = skills.and_then(|skills| startup::replacement::<N>(&path, &config, &skills));
+            let new = startup::load_skills(&path, config.clone(), models, allow_uncertified)
+                .and_then(|loaded| startup::replacement::<N>(&path, &loaded));
             new.map_err(|error| error.to_string())
         })
     }
@@ -115,7 +113,7 @@ impl WithRobot for Work<'_> {
             // Before anything moves: a summary that cannot be written would be lost.
             try_out(path, Existing::Replace).map_err(RunError::Summary)?;
         }
-        let config = loaded.config.clone();
+        let Loaded { config, .. } = &loaded;
         let real_time = &config.real_time;
         print_failures(&loaded);
         let names: Vec<_> =
@@ -137,7 +135,7 @@ impl WithRobot for Work<'_> {
         )?;
         let is_well = last.is_none() || run.reset;
         let mut cycle = match last {
-            Some(entry) => cycle.after(entry, run.reset, &config.supervision),
+            Some(entry) => cycle.after(entry, run.reset),
             None => cycle,
         }
         .exchanging(exchange);

@@ -97,10 +97,11 @@ impl Journal {
             let text = read_text(&path, BYTES_MAX).unwrap_or_default();
             serde_json::from_str(&text).unwrap_or_default()
         });
-        let mut journal = Self { path, written: last.unwrap_or_default() };
-        let written = journal.write(&journal.written.clone());
-        written.map_err(|source| JournalError { path: journal.path.clone(), source })?;
-        Ok((journal, last))
+        let mut journal = Self { path, written: Entry::default() };
+        match journal.write(&last.unwrap_or_default()) {
+            Ok(()) => Ok((journal, last)),
+            Err(source) => Err(JournalError { path: journal.path, source }),
+        }
     }
 
     /// Writes an entry where it has changed.

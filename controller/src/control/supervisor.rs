@@ -84,24 +84,20 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// A controller that begins; `ended_unexpectedly` when the one before did not stop.
+    /// A controller that begins.
     #[must_use]
-    pub fn new(config: &Supervision, ended_unexpectedly: bool) -> Self {
+    pub fn new(config: &Supervision) -> Self {
         let mut latching = [false; Reason::ALL.len()];
         for reason in config.latching.iter().filter_map(|name| named(name)) {
             latching[reason.to_wire() as usize] = true;
         }
-        let mut supervisor = Self {
+        Self {
             latching,
             fallback: config.fallback.clone(),
             started: config.start == Start::Automatic,
             held: false,
             latched: None,
-        };
-        if ended_unexpectedly {
-            supervisor.fail(Reason::EndedUnexpectedly);
         }
-        supervisor
     }
 
     /// Takes what was asked for since the last tick.

@@ -198,11 +198,10 @@ impl<const N: usize> StateEstimator<N> {
         self.drift *= (-elapsed_s / DRIFT_FADE_S).exp();
         self.drift += beside(last, now, elapsed_s);
         self.believed = Some(*now);
-        self.candidate = None;
     }
 
-    /// A state that does not follow the believed one, and the candidate so far: believed after `confirmed_ns` \[ns\] of states that
-    /// agree with it.
+    /// A state that does not follow the believed one, and the candidate so far: believed after `confirmed_ns`
+    /// \[ns\] of states that agree with it.
     fn confirm(
         &mut self,
         candidate: Option<Candidate<N>>,
@@ -225,16 +224,13 @@ impl<const N: usize> StateEstimator<N> {
         let agreed_ns = now_ns.saturating_sub(candidate.since_ns);
         if candidate.count >= CONFIRMED_BY && agreed_ns >= confirmed_ns {
             self.believed = Some(*now);
-            self.candidate = None;
             self.drift = SVector::zeros();
             return Ok(());
         }
         self.candidate = Some(candidate);
         Err(candidate.reason)
     }
-}
 
-impl<const N: usize> StateEstimator<N> {
     /// A publisher that is started again counts from one, once. What goes back again soon has two sources.
     fn doubled(&mut self, reason: Reason, now_ns: u64) -> Reason {
         if reason != Reason::SequenceWentBack {

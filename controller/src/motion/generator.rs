@@ -227,8 +227,7 @@ impl<const N: usize> MotionGenerator<N> {
             let torques = self.torques(chain, &state, &motion, None, dt);
             return Some((self.publish(motion, torques, SVector::zeros(), dt)?, CommandMode::Hold));
         }
-        let gravity_m_s2 = self.tracking.gravity_m_s2;
-        let torques = Torques::resting(chain, &self.limits, gravity_m_s2, &at.position);
+        let torques = self.tracking.resting((chain, &self.limits), &at.position);
         Some((self.publish(motion, torques, SVector::zeros(), dt)?, CommandMode::Stop))
     }
 
@@ -262,18 +261,13 @@ impl<const N: usize> MotionGenerator<N> {
         state: &JointState<N>,
         dt: f64,
     ) -> Option<Setpoint<N>> {
+        self.holding = true;
         self.moved_by = Some(MovedBy::Others);
         let mut motion = self.reference(state);
         let yielded = self.tracking.yielding(&motion, state, dt);
         motion.advance(&yielded, &self.limits, dt);
-        let gravity_m_s2 = self.tracking.gravity_m_s2;
-        let torques = Torques::resting(chain, &self.limits, gravity_m_s2, &state.position);
+        let torques = self.tracking.resting((chain, &self.limits), &state.position);
         self.publish(motion, torques, yielded, dt)
-    }
-
-    /// From now on the policy is not followed: it begins anew from rest.
-    pub fn hold(&mut self) {
-        self.holding = true;
     }
 
     /// What feeds back, where it changes while the loop runs.

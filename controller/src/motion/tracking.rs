@@ -34,7 +34,7 @@ pub struct Tracking {
 
 impl Tracking {
     /// The accelerations by which the reference gives way to the measured state, with the time constant T:
-    /// c = ((2/(T + dt)) (q̇ − q̇_c) + (q − q_c)/(T + dt)²  \[rad/s² or m/s²\].
+    /// c = (2/(T + dt)) (q̇ − q̇_c) + (q − q_c)/(T + dt)²  \[rad/s² or m/s²\].
     ///
     /// A push moves the reference along, and saturation winds nothing up.
     #[must_use]
@@ -54,8 +54,8 @@ impl Tracking {
     /// τ = M(q) (a + D (q̇_r − q̇) + K (q_c − q) + d) + h(q, q̇), gravity apart, the sum within the limits.
     ///
     /// * `state`  q, q̇
-    /// * `yielded`  c, by which the reference follows the arm: it is no acceleration that the arm is asked
-    ///   for, a = q̈_c − c; and q̇_r is the reference's velocity without it
+    /// * `yielded`  what the limits left of c, by which the reference follows the arm: it is no acceleration
+    ///   that the arm is asked for, a = q̈_c − c; and q̇_r is the reference's velocity without it
     /// * `compensation`  d, what resists a push \[rad/s² or m/s²\]
     ///
     /// Hot path: no allocation.
@@ -82,9 +82,21 @@ impl Tracking {
         let wanted = acceleration + bounded + compensation;
         let (q, qd) = (&state.position, &state.velocity);
         let total = inverse_dynamics(chain, q, qd, &wanted, gravity_m_s2);
-        let gravity = limits.effort(&gravity_torques(chain, q, gravity_m_s2));
+        let Torques { gravity, .. } = self.resting((chain, limits), q);
         let permitted = limits.effort(&total);
         Torques { motion: permitted - gravity, gravity, wanted, saturated: permitted != total }
+    }
+
+    /// What holds the arm at `position` against gravity, and nothing beside it.
+    #[must_use]
+    pub fn resting<const N: usize>(
+        &self,
+        (chain, limits): (&Chain<N>, &JointLimits<N>),
+        position: &SVector<f64, N>,
+    ) -> Torques<N> {
+        let gravity = limits.effort(&gravity_torques(chain, position, self.gravity_m_s2));
+        let (motion, wanted) = (SVector::zeros(), SVector::zeros());
+        Torques { motion, gravity, wanted, saturated: false }
     }
 }
 
@@ -92,19 +104,6 @@ impl Tracking {
 const GRAVITY_FRACTION: f64 = 0.2;
 
 impl<const N: usize> Torques<N> {
-    /// What holds the arm at `position` against gravity, and nothing beside it.
-    #[must_use]
-    pub fn resting(
-        chain: &Chain<N>,
-        limits: &JointLimits<N>,
-        gravity_m_s2: DVec3,
-        position: &SVector<f64, N>,
-    ) -> Self {
-        let gravity = limits.effort(&gravity_torques(chain, position, gravity_m_s2));
-        let (motion, wanted) = (SVector::zeros(), SVector::zeros());
-        Self { motion, gravity, wanted, saturated: false }
-    }
-
     /// These torques, or what comes nearest to them after those `before` within `dt` \[s\]: the torque
     /// that holds the arm against gravity, what is beside it, and their sum change no faster than they may.
     #[must_use]
