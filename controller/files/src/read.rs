@@ -25,7 +25,7 @@ pub enum ReadProblem {
 }
 
 /// What is there in place of a file.
-fn kind(found: FileType) -> &'static str {
+pub(crate) fn kind(found: FileType) -> &'static str {
     match found {
         _ if found.is_dir() => "a folder",
         _ if found.is_fifo() => "a pipe",

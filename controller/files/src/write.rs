@@ -3,12 +3,13 @@
 use std::ffi::OsString;
 use std::fs::{self, File, Permissions};
 use std::io::{self, Write};
-use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
 use crate::printable::printable;
+use crate::read::kind;
 
 /// Symbolic links are followed so often, as by the system.
 const LINKS_MAX: usize = 40;
@@ -206,22 +207,14 @@ fn there(path: &Path, existing: Existing) -> Result<Option<fs::Metadata>, WriteE
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(WriteError::system(path)(error)),
     };
-    let found = there.file_type();
-    let kind = if found.is_file() {
-        return match existing {
-            Existing::Replace => Ok(Some(there)),
-            Existing::Keep => Err(WriteError::Exists { path: path.into() }),
-        };
-    } else if found.is_dir() {
-        "a folder"
-    } else if found.is_fifo() {
-        "a pipe"
-    } else if found.is_socket() {
-        "a socket"
-    } else {
-        "a device"
-    };
-    Err(WriteError::NotAFile { path: path.into(), kind })
+    if !there.is_file() {
+        let kind = kind(there.file_type());
+        return Err(WriteError::NotAFile { path: path.into(), kind });
+    }
+    match existing {
+        Existing::Replace => Ok(Some(there)),
+        Existing::Keep => Err(WriteError::Exists { path: path.into() }),
+    }
 }
 
 #[cfg(test)]

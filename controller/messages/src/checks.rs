@@ -165,8 +165,12 @@ pub fn name_bytes(name: &str) -> Result<[u8; NAME_CAPACITY], NameFault> {
 /// A name from the wire's form, `None` when it is not UTF-8.
 #[must_use]
 pub fn name_str(bytes: &[u8; NAME_CAPACITY]) -> Option<&str> {
-    let end = bytes.iter().position(|b| *b == 0).unwrap_or(NAME_CAPACITY);
-    core::str::from_utf8(&bytes[..end]).ok()
+    core::str::from_utf8(unpadded(bytes)).ok()
+}
+
+/// A text from the wire, without the zeros that fill its place.
+pub(crate) fn unpadded(bytes: &[u8]) -> &[u8] {
+    &bytes[..bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len())]
 }
 
 #[cfg(test)]

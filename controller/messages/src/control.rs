@@ -1,5 +1,6 @@
 //! Requests to a running controller, and its answers: by request and response, off the loop.
 
+use core::fmt::Debug;
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::client::Client;
@@ -7,6 +8,7 @@ use iceoryx2::port::server::Server;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::request_response::PortFactory;
 
+use crate::checks::unpadded;
 use crate::error::{SUBSCRIBERS_MAX, ServiceError};
 use crate::messages::wire_enum;
 use crate::services::{Instance, NodeGuard};
@@ -102,8 +104,7 @@ fn to_wire(text: &str) -> [u8; TEXT_CAPACITY] {
 /// A text from the wire; what is no UTF-8 is replaced.
 #[must_use]
 pub fn control_text(bytes: &[u8; TEXT_CAPACITY]) -> String {
-    let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(TEXT_CAPACITY);
-    String::from_utf8_lossy(&bytes[..end]).into_owned()
+    String::from_utf8_lossy(unpadded(bytes)).into_owned()
 }
 
 /// The controller's side of requests: a thread beside the loop asks it. Dropped, it leaves no files behind.
@@ -153,17 +154,22 @@ impl Instance {
         let name = self.control_name();
         let service_name: ServiceName =
             name.as_str().try_into().expect("an instance's name and a topic make a service's name");
-        node.service_builder(&service_name)
+        let service = node
+            .service_builder(&service_name)
             .request_response::<ControlRequest, ControlAnswer>()
             .max_servers(1)
             .max_clients(SUBSCRIBERS_MAX)
             .max_nodes(16)
-            .open_or_create()
-            .map_err(|error| ServiceError::Control(name, format!("{error:?}")))
+            .open_or_create();
+        service.map_err(|error| self.control_error(error))
     }
 
     fn control_name(&self) -> String {
         format!("{}/control/v1", self.name())
+    }
+
+    fn control_error(&self, error: impl Debug) -> ServiceError {
+        ServiceError::Control(self.control_name(), format!("{error:?}"))
     }
 
     /// Opens the controller's side of requests.
@@ -173,7 +179,7 @@ impl Instance {
     pub fn open_control_server(&self) -> Result<ControlServer, ServiceError> {
         let (server, _node) = self.open(|node| {
             let server = self.control(node)?.server_builder().create();
-            server.map_err(|error| ServiceError::Control(self.control_name(), format!("{error:?}")))
+            server.map_err(|error| self.control_error(error))
         })?;
         Ok(ControlServer { server, _node })
     }
@@ -185,7 +191,7 @@ impl Instance {
     pub fn open_control_client(&self) -> Result<ControlClient, ServiceError> {
         let (client, _node) = self.open(|node| {
             let client = self.control(node)?.client_builder().create();
-            client.map_err(|error| ServiceError::Control(self.control_name(), format!("{error:?}")))
+            client.map_err(|error| self.control_error(error))
         })?;
         Ok(ControlClient { client, _node })
     }

@@ -2,7 +2,7 @@
 //!
 //! A [`CommandGuard`] stands between the port of commands and the robot. Each tick it is given the time,
 //! the command that has come since the last tick, if one has, and the robot's state, and gives an
-//! [`Action`]. Its rules and numbers stand in the README of this crate; `sim_bridge/guard.py` has the
+//! [`Action`]. Its rules and numbers stand in `COMMANDS.md` of this crate; `sim_bridge/guard.py` has the
 //! same ones for Python, and both are tested to give the same verdicts, bit for bit.
 //!
 //! ```
