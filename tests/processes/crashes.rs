@@ -13,7 +13,7 @@ use tprmp_messages::{
     ObserverPorts, Reason, StatusPort,
 };
 
-use crate::common::{Place, file, finish, program};
+use crate::common::{Place, file, finish, program, random};
 use crate::robot::signal;
 
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -197,13 +197,6 @@ fn crashes(system: &mut System, count: u32, mut random: impl FnMut(u64) -> u64) 
         finish(child);
     }
     killed
-}
-
-fn random(mut seed: u64) -> impl FnMut(u64) -> u64 {
-    move |below| {
-        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963);
-        (seed >> 33) % below
-    }
 }
 
 /// How many are killed: as asked for, or a few.

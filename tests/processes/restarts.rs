@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use tprmp_messages::{Instance, ObserverPorts, Reason, RobotState, StatusPort};
 
-use crate::common::{Place, file, finish, program, run, text};
+use crate::common::{Place, file, finish, program, random, run, text};
 use crate::robot::signal;
 
 /// How long a test waits for what has to come.
@@ -133,11 +133,7 @@ fn a_hundred_random_kills_need_no_clean_up() {
     let mut publisher = bridge(&place, "planar-sim");
     let mut controller = quiet_controller(&place, config, &model);
     let mut connections = followed(&port, None);
-    let mut seed = 1_u64;
-    let mut random = |below: u64| {
-        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963);
-        (seed >> 33) % below
-    };
+    let mut random = random(1);
     let mut killed = [0, 0];
     for _ in 0..100 {
         std::thread::sleep(Duration::from_millis(random(30)));
