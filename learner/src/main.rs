@@ -39,7 +39,8 @@ enum Command {
     /// Write demonstrations from a live robot, whoever publishes its state and frames
     ///
     /// A demonstration begins when the arm starts to move and ends when it has rested for a second;
-    /// then the next one is waited for. Ctrl-C ends. Nothing is ever sent to the robot.
+    /// then the next one is waited for. Rest is judged by means over a window against the measured
+    /// noise of joints and frames. Ctrl-C ends. Nothing is ever sent to the robot.
     Record(record::Options),
     /// Draw what a model has learned: pictures, and a page that shows them all
     Plot {

@@ -14,6 +14,7 @@ mod guard;
 mod lockstep;
 mod realtime;
 mod record;
+mod record_noise;
 mod restarts;
 mod robot;
 mod shared_memory;

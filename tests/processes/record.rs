@@ -68,6 +68,11 @@ impl Robot {
         recorder.hear()
     }
 
+    /// Stays where it is for as long as everything has to rest, and somewhat longer.
+    fn rest(&mut self) {
+        (0..RESTS).for_each(|_| self.publish());
+    }
+
     /// Moves on a bow to another place; `each` is called before each state with the fraction of time.
     fn go(&mut self, to: [f64; 2], mut each: impl FnMut(&mut Self, f64)) {
         let from = [self.state.position[0], self.state.position[1]];
@@ -80,6 +85,8 @@ impl Robot {
     }
 }
 
+/// States of a rest: two seconds on their clock.
+const RESTS: u32 = 400;
 /// States of a motion: two seconds on their clock.
 const STEPS: u32 = 400;
 
@@ -92,7 +99,7 @@ fn bow(from: [f64; 2], to: [f64; 2], fraction: f64) -> [f64; 2] {
 }
 
 /// `learner record`, and what it says.
-struct Recorder {
+pub(crate) struct Recorder {
     child: Child,
     said: Arc<Mutex<String>>,
     /// So much of it has been looked at.
@@ -102,14 +109,18 @@ struct Recorder {
 impl Recorder {
     fn command(place: &Place, skill: &str, options: &[&str]) -> Command {
         let mut command = program("learner");
+        command.args(Self::arguments(place, "planar", skill)).args(options);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
         command
-            .args(["record", &file("config/controllers/planar.ron")])
-            .args(["--skill", skill])
-            .args(["--out", &place.path("recorded"), "--instance", &place.instance])
-            .args(options)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped());
-        command
+    }
+
+    /// For the arm of a shipped configuration.
+    pub(crate) fn arguments(place: &Place, config: &str, skill: &str) -> Vec<String> {
+        let config = file(&format!("config/controllers/{config}.ron"));
+        let out = place.path("recorded");
+        ["record", &config, "--skill", skill, "--out", &out, "--instance", &place.instance]
+            .map(Into::into)
+            .into()
     }
 
     fn start(place: &Place, options: &[&str]) -> Self {
@@ -117,7 +128,12 @@ impl Recorder {
     }
 
     fn start_with(place: &Place, skill: &str, options: &[&str]) -> Self {
-        let mut child = Self::command(place, skill, options).spawn().unwrap();
+        Self::spawn(Self::command(place, skill, options))
+    }
+
+    /// Starts a command whose output is piped.
+    pub(crate) fn spawn(mut command: Command) -> Self {
+        let mut child = command.spawn().unwrap();
         let said = Arc::new(Mutex::new(String::new()));
         let mut err = child.stderr.take().unwrap();
         let mut out = child.stdout.take().unwrap();
@@ -134,22 +150,22 @@ impl Recorder {
         Self { child, said, heard: Cell::new(0) }
     }
 
-    fn all_said(&self) -> String {
+    pub(crate) fn all_said(&self) -> String {
         self.said.lock().unwrap().clone()
     }
 
-    fn has_said(&self, text: &str) -> bool {
+    pub(crate) fn has_said(&self, text: &str) -> bool {
         self.said.lock().unwrap()[self.heard.get()..].contains(text)
     }
 
     /// Gives what it said since the last time.
-    fn hear(&self) -> String {
+    pub(crate) fn hear(&self) -> String {
         let said = self.said.lock().unwrap();
         said[self.heard.replace(said.len())..].into()
     }
 
     /// Waits for this without a publisher.
-    fn wait_until(&self, said: &str) {
+    pub(crate) fn wait_until(&self, said: &str) {
         let begin = Instant::now();
         while !self.has_said(said) {
             assert!(begin.elapsed() < PATIENCE, "expected `{said}` in: {}", self.all_said());
@@ -164,7 +180,7 @@ impl Recorder {
     }
 
     /// Waits for its end; it succeeds. Gives all that it said.
-    fn end(mut self) -> String {
+    pub(crate) fn end(mut self) -> String {
         let begin = Instant::now();
         while self.child.try_wait().unwrap().is_none() {
             if begin.elapsed() > PATIENCE {
@@ -190,7 +206,7 @@ impl Drop for Recorder {
 }
 
 /// Names in the folder of demonstrations.
-fn names(place: &Place) -> Vec<String> {
+pub(crate) fn names(place: &Place) -> Vec<String> {
     let entries = fs::read_dir(place.path("recorded")).unwrap().flatten();
     let mut names: Vec<_> = entries.map(|e| e.file_name().into_string().unwrap()).collect();
     names.sort();
@@ -230,9 +246,9 @@ fn what_is_written_is_what_was_published_one_file_a_motion() {
     robot.rest_until(&recorder, "08.json: ");
     // Begun elsewhere, and the frame with it.
     let other = [-0.2, -0.3];
-    robot.rest_until(&recorder, "ready");
     robot.frames.frames[0].position[..2].copy_from_slice(&GOAL);
     robot.frames.frames[1].position[..2].copy_from_slice(&other);
+    robot.rest();
     robot.go(other, |_, _| {});
     robot.rest_until(&recorder, "09.json: ");
     assert!(recorder.end().contains("2 demonstrations"));
@@ -314,6 +330,7 @@ fn frames_that_move_or_are_missing_are_named_and_nothing_is_written() {
     robot.frames = good;
     robot.frames.frames[0] = good.frames[1];
     robot.frames.frame_count = 1;
+    robot.rest();
     let from = [robot.state.position[0], robot.state.position[1]];
     robot.go(GOAL, |_, _| {});
     let said = robot.rest_until(&recorder, "01.json");
@@ -356,7 +373,9 @@ fn further_frames_are_written_and_a_skill_of_one_frame_needs_no_other() {
             robot.frames.frames[2] = good.frames[0];
             robot.frames.frames[2].name = name_bytes("box").unwrap();
             robot.rest_until(&recorder, "ready");
-            robot.go(GOAL, |robot, fraction| robot.frames.frames[2].position[0] = fraction);
+            robot.go(GOAL, |robot, fraction| {
+                robot.frames.frames[2].position[0] = START[0] + fraction.powi(3);
+            });
             robot.rest_until(&recorder, "not recorded: frame `box` moved by");
             robot.state.position[..2].copy_from_slice(&START);
             robot.frames.frames[2].position[..2].copy_from_slice(&[0.1, -0.2]);
@@ -454,8 +473,7 @@ fn a_listener_that_has_gone_ends_no_recording() {
         if child.try_wait().unwrap().is_some() || begin.elapsed() > PATIENCE {
             break;
         }
-        // A second of rest on the states' clock, and some.
-        (0..300).for_each(|_| robot.publish());
+        robot.rest();
         robot.go(to, |_, _| {});
     }
     // One that has not ended by now fails the test.

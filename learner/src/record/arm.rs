@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::SVector;
 use tprmp_messages::JOINT_CAPACITY;
 use tprmp_model::controller_config::Robot;
-use tprmp_robot::{Chain, Kinematics, count_joints, forward_kinematics};
+use tprmp_robot::{Chain, JointKind, Kinematics, count_joints, forward_kinematics};
 use tprmp_spatial::Pose;
 
 use super::error::RecordError;
@@ -15,6 +15,9 @@ use crate::file_error::FileError;
 pub(super) trait Arm {
     /// Number of joints.
     fn joints(&self) -> usize;
+
+    /// Whether a joint slides; it rotates otherwise.
+    fn slides(&self, joint: usize) -> bool;
 
     /// X_BE, the pose of the tool in the base frame, at joint positions [rad or m].
     fn tool_pose(&mut self, position: &[f64; JOINT_CAPACITY]) -> Pose;
@@ -28,6 +31,10 @@ struct Serial<const N: usize> {
 impl<const N: usize> Arm for Serial<N> {
     fn joints(&self) -> usize {
         N
+    }
+
+    fn slides(&self, joint: usize) -> bool {
+        self.chain.joint_kind(joint) == Some(JointKind::Prismatic)
     }
 
     fn tool_pose(&mut self, position: &[f64; JOINT_CAPACITY]) -> Pose {
@@ -83,6 +90,7 @@ mod tests {
         let (path, robot) = shipped("planar.ron");
         let mut arm = read(&path, &robot).unwrap();
         assert_eq!(arm.joints(), 2);
+        assert!(arm.slides(0) && arm.slides(1));
         let mut position = [9.0; JOINT_CAPACITY];
         position[..2].copy_from_slice(&[0.25, -0.5]);
         let pose = arm.tool_pose(&position);
@@ -92,7 +100,8 @@ mod tests {
     #[test]
     fn joints_that_the_description_does_not_have_are_refused_by_name() {
         let (path, mut robot) = shipped("ur5_pick.ron");
-        assert_eq!(read(&path, &robot).unwrap().joints(), 6);
+        let arm = read(&path, &robot).unwrap();
+        assert!(arm.joints() == 6 && !(0..6).any(|joint| arm.slides(joint)));
         robot.joints[1] = "no_such_joint".into();
         let message = read(&path, &robot).err().unwrap().to_string();
         for part in ["ur5_pick.ron", "robot.joints", "no_such_joint", "shoulder_lift_joint"] {

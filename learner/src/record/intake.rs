@@ -117,6 +117,8 @@ pub(super) enum Unusable {
     NotPlanar,
     #[error("is older than the state by more than a second")]
     Stale,
+    #[error("has not been in sight for long enough to know that it rests")]
+    New,
 }
 
 /// X_BF of a frame.

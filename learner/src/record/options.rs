@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use super::bounds::Bounds;
+
 /// Shortest and longest time between samples [s].
 const SAMPLING_TIME_S: std::ops::RangeInclusive<f64> = 0.001..=0.1;
 
@@ -25,6 +27,8 @@ pub struct Options {
     /// End after so many demonstrations
     #[arg(long, value_name = "N")]
     pub(super) count: Option<u32>,
+    #[command(flatten)]
+    pub(super) bounds: Bounds,
 }
 
 fn sampling_time(text: &str) -> Result<f64, String> {

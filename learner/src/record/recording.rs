@@ -5,26 +5,19 @@ use glam::DQuat;
 use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
 use tprmp_spatial::Pose;
 
+use super::bounds::Bounds;
+use super::cut::{Cut, Motion};
+use super::frame_rest::RestingFrame;
 use super::intake::Frames;
-use crate::demonstration::plausibility::angle;
+use super::rest::Sample;
+use super::statistics::Extent;
 use crate::demonstration::{Demonstration, POINTS_MIN};
 use crate::skill::Skill;
 
-/// Of the rest before and after the motion so much is kept [ns].
-const MARGIN_NS: u64 = 100_000_000;
-/// The tool rests while it is this near to where it began or ended [m].
-const SETTLED_M: f64 = 2e-4;
-/// … and rotated by no more than this [rad].
-const SETTLED_RAD: f64 = 1e-3;
-/// A tool that went no farther than this [m] …
-const MOVED_MIN_M: f64 = 0.01;
-/// … and rotated no farther than this has been nudged, not moved [rad].
-const MOVED_MIN_RAD: f64 = 0.1;
-/// A frame that has gone farther than this has moved [m]; an object gives way by less when it is
-/// touched.
-const FRAME_MOVED_M: f64 = 0.005;
-/// … or rotated farther than this [rad].
-const FRAME_MOVED_RAD: f64 = 0.05;
+/// The length of a path is measured in steps of this size, so that noise lengthens it by little [m].
+const PATH_STEP_M: f64 = 0.01;
+/// Less of a rotation about z than this is none.
+const ROTATION_MIN: f64 = 1e-3;
 /// A start frame farther than this from where the tool starts is worth a word [m].
 const START_DISTANCE_MAX_M: f64 = 0.02;
 
@@ -38,10 +31,11 @@ pub(super) struct Task {
     /// The start frame, where it is another than the goal frame. The tool's pose can serve as such.
     pub(super) start_frame: Option<String>,
     pub(super) sampling_time_s: f64,
+    pub(super) bounds: Bounds,
 }
 
 impl Task {
-    pub(super) fn new(skill: &Skill, sampling_time_s: f64) -> Self {
+    pub(super) fn new(skill: &Skill, sampling_time_s: f64, bounds: Bounds) -> Self {
         let required = std::iter::once(&skill.goal_frame).chain(&skill.other_frames);
         let own_start = skill.start_frame != skill.goal_frame;
         Self {
@@ -50,22 +44,13 @@ impl Task {
             required_frames: required.cloned().collect(),
             start_frame: own_start.then(|| skill.start_frame.clone()),
             sampling_time_s,
+            bounds,
         }
     }
 
     /// The names of all frames: those that have to be usable, then the start frame.
     pub(super) fn frames(&self) -> impl Iterator<Item = &String> {
         self.required_frames.iter().chain(&self.start_frame)
-    }
-
-    /// How far two poses are apart, by what the skill moves [m], [rad].
-    pub(super) fn apart(&self, a: &Pose, b: &Pose) -> (f64, f64) {
-        let mut displacement = b.position - a.position;
-        if self.manifold == Manifold::R2 {
-            displacement.z = 0.0;
-        }
-        let rotation = if self.manifold.has_orientation() { angle(a, b) } else { 0.0 };
-        (displacement.length(), rotation)
     }
 
     /// A tool's pose in the place of a start frame.
@@ -75,20 +60,11 @@ impl Task {
             frame.position.z = 0.0;
             // The rotation about z; none for a tool that points down.
             let about_z = DQuat::from_xyzw(0.0, 0.0, tool.orientation.z, tool.orientation.w);
-            let is_defined = about_z.length() > SETTLED_RAD;
+            let is_defined = about_z.length() > ROTATION_MIN;
             frame.orientation = if is_defined { about_z.normalize() } else { DQuat::IDENTITY };
         }
         frame
     }
-}
-
-/// Where the tool was.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Sample {
-    /// When the state was measured [ns].
-    pub(super) time_ns: u64,
-    /// X_BE.
-    pub(super) pose: Pose,
 }
 
 /// One motion, from rest to rest.
@@ -96,9 +72,13 @@ pub(super) struct Sample {
 pub(super) struct Recording {
     /// In order of time, with some rest before and after.
     pub(super) samples: Vec<Sample>,
-    /// The frames, in the order of [`Task::frames`], as they were when the motion began; the start
+    /// When the tool was first seen to move [ns].
+    pub(super) begun_ns: u64,
+    /// Standard deviation of the samples on the noisiest axis [m], [rad].
+    pub(super) noise: Extent,
+    /// The frames, in the order of [`Task::frames`], as they rested when the motion began; the start
     /// frame only where one is published.
-    pub(super) frames: [Option<Pose>; FRAME_CAPACITY],
+    pub(super) frames: [Option<RestingFrame>; FRAME_CAPACITY],
     /// How long each of them was not usable [ns].
     pub(super) missing_ns: [u64; FRAME_CAPACITY],
     /// Sequence numbers of states that never came.
@@ -117,8 +97,13 @@ impl Recorded {
     /// How much was recorded.
     pub(super) fn summary(&self) -> String {
         let recorded = &self.demonstration;
-        let pairs = recorded.poses.windows(2);
-        let path_m: f64 = pairs.map(|p| (p[1].position - p[0].position).length()).sum();
+        let (mut path_m, mut passed) = (0.0, recorded.poses[0].position);
+        for pose in &recorded.poses {
+            let step_m = (pose.position - passed).length();
+            if step_m > PATH_STEP_M {
+                (path_m, passed) = (path_m + step_m, pose.position);
+            }
+        }
         let count = recorded.poses.len();
         let duration_s = (count - 1) as f64 * recorded.sampling_time_s;
         format!("{count} samples, {duration_s:.2} s, path {path_m:.3} m")
@@ -126,39 +111,44 @@ impl Recorded {
 }
 
 impl Recording {
-    /// Reports a frame that is no longer where it was when the motion began.
-    pub(super) fn moved_frame(&self, frames: Frames, task: &Task) -> Option<String> {
-        task.frames().zip(self.frames).zip(frames).find_map(|((name, before), now)| {
-            let (before, now) = (before?, now.ok()?);
-            let (m, rad) = ((now.position - before.position).length(), angle(&before, &now));
-            (m > FRAME_MOVED_M || rad > FRAME_MOVED_RAD).then(|| {
-                format!(
-                    "frame `{name}` moved by {:.1} mm and {:.1}° while the arm did; the frames of \
-                     a demonstration rest",
-                    m * 1e3,
-                    rad.to_degrees()
-                )
-            })
-        })
+    /// Handles the next sample, `elapsed_ns` after the one before [ns], what is known of the frames
+    /// then, and how many states are missing before it.
+    pub(super) fn add(&mut self, sample: Sample, frames: &Frames, elapsed_ns: u64, skipped: u64) {
+        self.samples.push(sample);
+        self.skipped += skipped;
+        for (missing_ns, status) in self.missing_ns.iter_mut().zip(frames) {
+            if status.is_err() {
+                *missing_ns += elapsed_ns;
+            }
+        }
+    }
+
+    /// From its first sample to its last [ns].
+    pub(super) fn duration_ns(&self) -> u64 {
+        let ends = self.samples.first().zip(self.samples.last());
+        ends.map_or(0, |(first, last)| last.time_ns - first.time_ns)
+    }
+
+    /// The motion among the samples; why there is none.
+    fn cut(&self, task: &Task) -> Result<Cut, String> {
+        let (samples, begun_ns, noise) = (&self.samples[..], self.begun_ns, self.noise);
+        let (manifold, bounds) = (task.manifold, task.bounds);
+        let motion = Motion { samples, begun_ns, noise, manifold, bounds };
+        let cut = motion.cut().ok_or("it has no samples")?;
+        if cut.moved.is_within(bounds.motion_min()) {
+            return Err(format!(
+                "the tool moved by {:.1} mm and {:.1}° only",
+                cut.moved.m * 1e3,
+                cut.moved.rad.to_degrees()
+            ));
+        }
+        Ok(cut)
     }
 
     /// The demonstration; what is missing for one, when there is none.
     pub(super) fn finish(self, task: &Task) -> Result<Recorded, String> {
-        let samples = &self.samples[..];
-        let first = samples.first().ok_or("it has no samples")?.pose;
-        let (mut distance, mut rotation) = (0.0_f64, 0.0_f64);
-        for sample in samples {
-            let (m, rad) = task.apart(&first, &sample.pose);
-            (distance, rotation) = (distance.max(m), rotation.max(rad));
-        }
-        if distance < MOVED_MIN_M && rotation < MOVED_MIN_RAD {
-            return Err(format!(
-                "the tool moved by {:.1} mm and {:.1}° only",
-                distance * 1e3,
-                rotation.to_degrees()
-            ));
-        }
-        let mut poses = resample(cut(samples, task), task.sampling_time_s);
+        let Cut { kept, start, .. } = self.cut(task)?;
+        let mut poses = resample(&self.samples[kept], task.sampling_time_s);
         if poses.len() < POINTS_MIN {
             return Err(format!(
                 "it has {} samples, at least {POINTS_MIN} are needed",
@@ -166,14 +156,16 @@ impl Recording {
             ));
         }
         let mut required = task.required_frames.iter().zip(self.frames).map(|(name, frame)| {
-            (name.clone(), frame.expect("a motion begins when the required frames are usable"))
+            let frame = frame.expect("a motion begins when the required frames are usable");
+            (name.clone(), frame.pose)
         });
         let (_, goal_frame) = required.next().expect("the goal frame is required");
         let other_frames = required.collect();
-        let start = match task.start_frame {
+        let start = match &task.start_frame {
             None => goal_frame,
             Some(_) => {
-                self.frames[task.required_frames.len()].unwrap_or_else(|| task.as_frame(&poses[0]))
+                let published = self.frames[task.required_frames.len()];
+                published.map_or_else(|| task.as_frame(&start), |frame| frame.pose)
             }
         };
         if task.manifold == Manifold::R2 {
@@ -228,20 +220,6 @@ impl Recording {
     }
 }
 
-/// The motion with little of the rest before and after.
-fn cut<'a>(samples: &'a [Sample], task: &Task) -> &'a [Sample] {
-    let [first, .., last] = samples else { return samples };
-    let settled = |at: &Sample, sample: &Sample| {
-        let (m, rad) = task.apart(&at.pose, &sample.pose);
-        m <= SETTLED_M && rad <= SETTLED_RAD
-    };
-    let leaves = samples.iter().find(|s| !settled(first, s)).unwrap_or(last).time_ns;
-    let arrives = samples.iter().rfind(|s| !settled(last, s)).unwrap_or(first).time_ns;
-    let begin = samples.partition_point(|s| s.time_ns < leaves.saturating_sub(MARGIN_NS));
-    let end = samples.partition_point(|s| s.time_ns <= arrives + MARGIN_NS);
-    &samples[begin.min(end)..end]
-}
-
 /// Poses at even times from the first sample on, as far as the samples go: on straight lines and
 /// at a constant angular velocity in between. Neighbouring quaternions are on one side of the sphere.
 fn resample(samples: &[Sample], sampling_time_s: f64) -> Vec<Pose> {
@@ -267,6 +245,9 @@ fn resample(samples: &[Sample], sampling_time_s: f64) -> Vec<Pose> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::bounds::DEFAULTS;
+    use crate::record::cut::SETTLED;
+    use crate::record::rest::offset;
     use glam::DVec3;
     use proptest::prelude::*;
 
@@ -277,6 +258,7 @@ mod tests {
             required_frames: vec!["end".into()],
             start_frame: Some("start".into()),
             sampling_time_s: 0.01,
+            bounds: DEFAULTS,
         }
     }
 
@@ -288,6 +270,11 @@ mod tests {
             position: DVec3::new(0.4 * s, 0.1 - 0.2 * s, 0.3 + 0.1 * s * s),
             orientation: DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 1.0 + 2.5 * s),
         }
+    }
+
+    /// A frame where the tool is at a time.
+    fn rested(time_s: f64) -> RestingFrame {
+        RestingFrame { pose: at(time_s), noise: Extent::default(), count: 1 }
     }
 
     fn recording(times_ns: impl Iterator<Item = u64>) -> Recording {
@@ -302,7 +289,9 @@ mod tests {
                     Sample { time_ns, pose: Pose { position, orientation } }
                 })
                 .collect(),
-            frames: std::array::from_fn(|i| (i == 0).then(|| at(3.0))),
+            begun_ns: 700_000_000,
+            noise: Extent::default(),
+            frames: std::array::from_fn(|i| (i == 0).then(|| rested(3.0))),
             missing_ns: [0; FRAME_CAPACITY],
             skipped: 0,
         }
@@ -316,10 +305,11 @@ mod tests {
         let poses = &recorded.demonstration.poses;
         // Smooth motion is within a fraction of a millimetre for its first and last 0.1 s or so.
         assert!((190..=222).contains(&poses.len()), "{}", poses.len());
-        assert_eq!(poses[0], at(0.0));
-        assert_eq!(recorded.demonstration.start, poses[0]);
-        let (m, rad) = task.apart(&poses[poses.len() - 1], &at(3.3));
-        assert!(m <= SETTLED_M && rad <= SETTLED_RAD, "{m} m, {rad} rad");
+        assert!(offset(task.manifold, &poses[0], &at(0.0)).extent().is_within(SETTLED));
+        let start = offset(task.manifold, &recorded.demonstration.start, &poses[0]).extent();
+        assert!(start.m < 1e-12 && start.rad < 1e-12, "{start:?}");
+        let left = offset(task.manifold, &poses[poses.len() - 1], &at(3.3)).extent();
+        assert!(left.is_within(SETTLED), "{left:?}");
         assert!(poses.windows(2).all(|p| p[0].orientation.dot(p[1].orientation) > 0.0));
         assert!(recorded.summary().contains("path 0.4"), "{}", recorded.summary());
     }
@@ -343,7 +333,7 @@ mod tests {
         task.start_frame = None;
         task.required_frames.push("box".into());
         let mut recording = recording((0..3300).map(|i| i * 1_000_000));
-        recording.frames[1] = Some(at(1.0));
+        recording.frames[1] = Some(rested(1.0));
         recording.missing_ns[1] = 250_000_000;
         let Recorded { demonstration, notes } = recording.finish(&task).unwrap();
         assert_eq!((demonstration.start, demonstration.goal_frame), (at(3.0), at(3.0)));
@@ -378,7 +368,8 @@ mod tests {
             let recording = recording(times.into_iter());
             let mut task = task(Manifold::R3S3);
             task.sampling_time_s = sampling_time_s;
-            let begin_s = cut(&recording.samples, &task)[0].time_ns as f64 * 1e-9;
+            let kept = recording.cut(&task).unwrap().kept;
+            let begin_s = recording.samples[kept.start].time_ns as f64 * 1e-9;
             let last_s = recording.samples[recording.samples.len() - 1].time_ns as f64 * 1e-9;
             let recorded = recording.finish(&task).unwrap().demonstration;
             prop_assert!(recorded.poses.len() >= POINTS_MIN);
@@ -386,7 +377,7 @@ mod tests {
                 let time_s = begin_s + k as f64 * sampling_time_s;
                 prop_assert!(time_s < last_s + 1e-6);
                 // Two samples are at most 20 ms apart: ⅛ (0.02 s)² × the largest acceleration.
-                let (m, rad) = task.apart(pose, &at(time_s));
+                let Extent { m, rad } = offset(task.manifold, pose, &at(time_s)).extent();
                 prop_assert!(m < 1e-4 && rad < 5e-4, "{} m, {} rad at {}", m, rad, time_s);
             }
         }

@@ -8,11 +8,12 @@ use tprmp_files::outln;
 use tprmp_messages::{Instance, OBSERVER_BUFFER, ObserverPorts, RobotState, name_bytes, stop_flag};
 use tprmp_model::controller_config;
 
-use super::announcer::{Announcer, Status, announce};
+use super::announcer::{Announcer, Status, View};
 use super::arm::{self, Arm};
 use super::error::RecordError;
 use super::folder::Folder;
 use super::intake::{Fault, FramesIntake, StateIntake};
+use super::joint_noise::JointNoise;
 use super::options::Options;
 use super::recorder::{Event, Recorder};
 use super::recording::{Recorded, Task};
@@ -41,7 +42,7 @@ pub fn record(options: &Options) -> Result<(), RecordError> {
         );
         return Err(FileError::key(&options.skill, "tool_frame", problem).into());
     }
-    let task = Task::new(&skill, options.sampling_time_s);
+    let task = Task::new(&skill, options.sampling_time_s, options.bounds);
     let wire_name = |name: &String| {
         let key = match name {
             name if *name == skill.goal_frame => "goal_frame",
@@ -61,6 +62,7 @@ pub fn record(options: &Options) -> Result<(), RecordError> {
     let session = Session {
         count: options.count.unwrap_or(u32::MAX),
         states: StateIntake::new(arm.joints()),
+        joint_noise: JointNoise::default(),
         frames: FramesIntake::new(names, skill.manifold),
         announcer: Announcer::new(&task, &options.instance),
         recorder: Recorder::new(task),
@@ -79,6 +81,7 @@ struct Session {
     skill: Skill,
     arm: Box<dyn Arm>,
     states: StateIntake,
+    joint_noise: JointNoise,
     frames: FramesIntake,
     recorder: Recorder,
     folder: Folder,
@@ -111,6 +114,7 @@ impl Session {
                 gone = true;
                 self.states.forget();
                 self.frames.forget();
+                self.joint_noise.forget();
                 let silence = format!("no state arrived for {} s", SILENCE.as_secs());
                 let event = self.recorder.interrupt(&silence);
                 self.handle(event)?;
@@ -121,12 +125,16 @@ impl Session {
                 (_, Some(fault)) => Status::Fault(fault),
                 _ => Status::Stage(self.recorder.stage()),
             };
-            self.announcer.update(status, &self.frames);
+            let (recorder, arm) = (&self.recorder, &*self.arm);
+            self.announcer.update(status, &self.frames, || View {
+                observation: recorder.observation(),
+                joint_noise: self.joint_noise.extent(arm),
+            });
             sleep(PAUSE);
         }
         let event = self.recorder.end();
         self.handle(event)?;
-        announce(&format!("ended, {} recorded", demonstrations(self.written)));
+        self.announcer.announce(&format!("ended, {} recorded", demonstrations(self.written)));
         Ok(())
     }
 
@@ -136,6 +144,7 @@ impl Session {
             Ok(None) => return Ok(()),
             Ok(Some(skipped)) => {
                 self.fault = None;
+                self.joint_noise.update(&state.position);
                 let pose = self.arm.tool_pose(&state.position);
                 let frames = self.frames.at(state.time_ns);
                 self.recorder.observe(state.time_ns, pose, frames, skipped)
@@ -151,12 +160,12 @@ impl Session {
     fn handle(&mut self, event: Option<Event>) -> Result<(), RecordError> {
         match event {
             None => {}
-            Some(Event::Begun { tool_as_start: false }) => announce("recording"),
-            Some(Event::Begun { tool_as_start: true }) => announce(&format!(
+            Some(Event::Begun { tool_as_start: false }) => self.announcer.announce("recording"),
+            Some(Event::Begun { tool_as_start: true }) => self.announcer.announce(&format!(
                 "recording; frame `{}` is not published: the tool's pose at the start serves as such",
                 self.skill.start_frame
             )),
-            Some(Event::Refused(why)) => announce(&format!("not recorded: {why}")),
+            Some(Event::Refused(why)) => self.announcer.announce(&format!("not recorded: {why}")),
             Some(Event::Recorded(recorded)) => self.save(*recorded)?,
         }
         Ok(())
@@ -167,15 +176,17 @@ impl Session {
         match self.folder.save(&recorded.demonstration, start_frame, goal_frame) {
             Ok(path) => {
                 self.written += 1;
-                outln!("wrote      {}: {}", path.display(), recorded.summary());
-                for note in recorded.notes {
-                    outln!("note       {note}");
-                }
+                self.announcer.beside(|| {
+                    outln!("wrote      {}: {}", path.display(), recorded.summary());
+                    for note in &recorded.notes {
+                        outln!("note       {note}");
+                    }
+                });
                 Ok(())
             }
             // What training would refuse is no demonstration; the next one may be.
             Err(FileError::Input { place, problem, .. }) => {
-                announce(&format!("not recorded: {place}: {problem}"));
+                self.announcer.announce(&format!("not recorded: {place}: {problem}"));
                 Ok(())
             }
             Err(error) => Err(error.into()),
