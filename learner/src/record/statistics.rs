@@ -89,7 +89,7 @@ impl Offset {
         Self { position: DVec3::new(x, y, z), rotation: DVec3::new(a, b, c) }
     }
 
-    fn from_pose(self, from: &Pose) -> Pose {
+    fn applied_to(self, from: &Pose) -> Pose {
         let position = from.position + self.position;
         if self.rotation == DVec3::ZERO {
             return Pose { position, ..*from };
@@ -156,7 +156,7 @@ pub(super) fn mean_pose(poses: &[Pose], noise: Extent, radius: Extent) -> Option
     let mut mean = *poses.get(poses.len() / 2)?;
     for _ in 0..MEAN_ROUNDS {
         let offsets: Vec<Offset> = poses.iter().map(|p| Offset::between(&mean, p)).collect();
-        mean = centre(&offsets, noise, radius)?.from_pose(&mean);
+        mean = centre(&offsets, noise, radius)?.applied_to(&mean);
     }
     Some(mean)
 }
