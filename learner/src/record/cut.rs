@@ -14,7 +14,7 @@ use super::rest::{Sample, offset};
 use super::statistics::{Extent, Offset, mean_pose};
 
 /// Of the rest before and after the motion so much is kept at least [ns].
-const MARGIN_NS: u64 = 100_000_000;
+const MARGIN_NS: u64 = 200_000_000;
 /// Distances from the rest are means over this time [ns].
 const SMOOTHING_NS: u64 = 100_000_000;
 /// The tool rests while it is this near to where it began or ended.

@@ -218,7 +218,7 @@ fn check(case: Case, recorded: &Recorded, [from, to]: [&Pose; 2], duration_s: f6
         assert!(error.is_within(bound), "{case:?}: {error:?} beyond {bound:?}");
     }
     let recorded_s = (poses.len() - 1) as f64 * recorded.demonstration.sampling_time_s;
-    assert!((0.8 * duration_s..duration_s + 1.2).contains(&recorded_s), "{case:?}: {recorded_s}");
+    assert!((duration_s..duration_s + 1.2).contains(&recorded_s), "{case:?}: {recorded_s}");
     assert!(recorded.notes.is_empty(), "{case:?}: {:?}", recorded.notes);
 }
 
@@ -233,6 +233,27 @@ fn a_minute_of_noisy_rest_records_nothing_and_begins_nothing() {
             assert_eq!(bench.recorder.stage(), Stage::Ready, "{case:?}");
         }
         assert_eq!((bench.begun, bench.refused.len()), (0, 0), "{case:?}: {:?}", bench.refused);
+    }
+}
+
+#[test]
+fn noise_beyond_the_bare_bounds_widens_them() {
+    let encoders = Encoders { noise_rad: 3e-3, quantised: false };
+    let camera = Extent { m: 0.01, rad: 0.02 };
+    for seed in 50..54 {
+        let mut bench = Bench::new(Case { encoders, camera, rate_hz: 50, seed }, DEFAULTS);
+        bench.rest(2.0);
+        let mut fastest = Extent::default();
+        for _ in 0..600 {
+            bench.rest(0.1);
+            assert_eq!(bench.recorder.stage(), Stage::Ready, "{seed}");
+            fastest = fastest.max(bench.recorder.observation().motion.unwrap().speed);
+        }
+        // So the bound without the noise would have been passed.
+        assert!(fastest.m > DEFAULTS.rest_speed_m_s, "{seed}: {fastest:?}");
+        bench.go(GOAL, 2.0);
+        bench.rest(2.0);
+        assert_eq!((bench.recorded.len(), bench.begun), (1, 1), "{seed}: {:?}", bench.refused);
     }
 }
 
