@@ -1,4 +1,4 @@
-//! The whole path from demonstrations to a model, in four steps.
+//! The whole path from demonstrations to a model, in five steps.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -9,7 +9,9 @@ use tprmp_model::skill_model::{
 };
 use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
 
-use crate::canonical::{CanonicalSet, DemonstrationError, canonicalise, prepared};
+use crate::alignment::rest::DemonstrationError;
+use crate::alignment::{Aligned, Alignment, align};
+use crate::canonical::{CanonicalSet, canonicalise};
 use crate::certify::Certifier;
 use crate::certify::policy::LearnedPolicy;
 use crate::demonstration::{Demonstration, plausibility, read_folder};
@@ -61,6 +63,10 @@ pub struct Trained {
     pub times: Vec<(Step, Duration)>,
     /// Samples of all demonstrations.
     pub samples: usize,
+    /// How the demonstrations were brought to a common time.
+    pub alignments: Vec<Alignment>,
+    /// Where the common motion pauses: beginning and duration \[s\].
+    pub pauses: Vec<[f64; 2]>,
     /// How the number of Gaussians was chosen, when the learner chose it.
     pub choice: Option<Choice>,
 }
@@ -70,6 +76,8 @@ pub struct Trained {
 pub enum Step {
     /// The number of Gaussians is chosen.
     Choice,
+    /// Demonstrations are brought to a common time.
+    Alignment,
     /// Demonstrations are brought into canonical coordinates.
     CanonicalCoordinates,
     /// The Gaussian mixture is learned.
@@ -86,6 +94,7 @@ impl std::fmt::Display for Step {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Choice => "choice of K",
+            Self::Alignment => "alignment",
             Self::CanonicalCoordinates => "canonical coordinates",
             Self::Mixture => "mixture",
             Self::Fit => "fit",
@@ -176,7 +185,8 @@ pub fn learn(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Trained, TrainError> {
     let mut clock = Clock { since: Instant::now(), times: Vec::new(), progress };
-    let demonstrations = &prepared(skill, recorded);
+    let Aligned { demonstrations, alignments, pauses } = &align(skill, recorded)?;
+    clock.done(Step::Alignment);
     let names: Vec<&str> = demonstrations.iter().map(|d| d.name.as_str()).collect();
     let fitted = FittedPolicy::new(skill, demonstrations, seed, &mut |step| clock.done(step));
     let fitted = diagnosed(fitted, &names, |left_out| {
@@ -204,10 +214,18 @@ pub fn learn(
     let span_m = skill.scale.span / set.scales[0];
     warnings.extend(fit_warnings(&model.fit.programs, &model.fit.demonstrations, span_m));
     let samples = demonstrations.iter().map(|d| d.poses.len()).sum();
-    Ok(Trained { model, warnings, times: clock.times, samples, choice: None })
+    Ok(Trained {
+        model,
+        warnings,
+        times: clock.times,
+        samples,
+        choice: None,
+        alignments: alignments.clone(),
+        pauses: pauses.clone(),
+    })
 }
 
-/// What the first three steps give.
+/// What the steps in between give.
 struct FittedPolicy {
     set: CanonicalSet,
     mixture: TpGmm,
@@ -236,8 +254,7 @@ impl FittedPolicy {
                     .map_err(FitError::from)?
             }
             FitSettings::Thesis(settings) => {
-                let (mixture, set) = (&frames[..], &set);
-                ThesisFit { mixture, skill, settings, demonstrations, set }.fit()?
+                ThesisFit { mixture: &frames, skill, settings, demonstrations }.fit()?
             }
         };
         done(Step::Fit);

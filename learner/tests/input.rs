@@ -238,9 +238,9 @@ fn wrong_skill_files_are_refused_by_key_and_place() {
     assert!(model.contains("Hmm") && model.contains("TpLeftRightHmm"), "{model}");
     for version in ["tprmp-skill/0", "tprmp-skill/3"] {
         // Before any key that is missing there.
-        let older = good.replace("tprmp-skill/4", version).replace("frame_map: (", "map: (");
+        let older = good.replace("tprmp-skill/5", version).replace("frame_map: (", "map: (");
         let schema = say(older);
-        assert!(schema.contains("key `schema`") && schema.contains("tprmp-skill/4"), "{schema}");
+        assert!(schema.contains("key `schema`") && schema.contains("tprmp-skill/5"), "{schema}");
         assert!(schema.contains(version) && schema.contains("`frame_map`"), "{schema}");
     }
     let fraction = say(good.replace("error_fraction_max: 0.8", "error_fraction_max: 1.8"));

@@ -59,8 +59,8 @@ fn a_wrong_model_is_refused() {
     case.refused(&config, &truncated, &["damaged.model.ron", "truncated"]);
     let corrupted = case.damaged(|t| t.replacen("damping_1_s: 8", "damping_1_s: 9", 1));
     case.refused(&config, &corrupted, &["checksum"]);
-    let other = case.damaged(|t| t.replacen("tprmp-model/6", "tprmp-model/999", 1));
-    case.refused(&config, &other, &["schema", "tprmp-model/6", "tprmp-model/999"]);
+    let other = case.damaged(|t| t.replacen("tprmp-model/7", "tprmp-model/999", 1));
+    case.refused(&config, &other, &["schema", "tprmp-model/7", "tprmp-model/999"]);
 }
 
 #[test]

@@ -190,7 +190,7 @@ fn what_is_written_comes_back_and_always_as_the_same_bytes() {
     assert_eq!(read(&folder.file()).unwrap(), model());
     let text = std::fs::read_to_string(folder.file()).unwrap();
     assert_eq!(text, to_text(&model()));
-    assert!(text.contains("schema: \"tprmp-model/6\""));
+    assert!(text.contains("schema: \"tprmp-model/7\""));
     let left: Vec<_> = std::fs::read_dir(&folder.0).unwrap().collect();
     assert_eq!(left.len(), 1, "no half-written file stays");
 }

@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use tprmp_learner::canonical::{DemonstrationError, moving_ranges};
+use tprmp_learner::alignment::rest::{DemonstrationError, moving_ranges};
 use tprmp_learner::demonstration::{BYTES_MAX, Demonstration, SCHEMA, read};
 use tprmp_learner::file_error::{FileError, read_text};
 use tprmp_learner::import::{Selection, load};

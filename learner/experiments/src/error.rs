@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use tprmp_files::WriteError;
-use tprmp_learner::canonical::DemonstrationError;
+use tprmp_learner::alignment::rest::DemonstrationError;
 use tprmp_learner::file_error::FileError;
 use tprmp_model::controller_config::ConfigError;
 

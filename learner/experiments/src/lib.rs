@@ -17,6 +17,7 @@ mod experiment;
 mod metric;
 mod models;
 mod path;
+pub mod people;
 mod progress;
 mod published;
 mod report;

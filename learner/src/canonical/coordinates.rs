@@ -1,23 +1,22 @@
 //! Brings demonstrations into canonical coordinates.
 //!
 //! The canonical frames are the means of the demonstrations' frames; the goal is the mean final
-//! pose of the tool relative to the goal frame. Rest before and after the motion is cut; in between
-//! the phase follows from the time by the [profile](PhaseProfile). Each demonstration is pulled back
+//! pose of the tool relative to the goal frame. The demonstrations are [aligned](crate::alignment), and
+//! the phase follows from their common time by the [profile](PhaseProfile). Each demonstration is pulled back
 //! through the [map](tprmp_rmpflow::policy::canonical::frame_map) of its own frames, then smoothed.
 
 use glam::{DQuat, DVec3};
 use tprmp_rmpflow::policy::canonical::frame_map::{Canonical, FrameMap, FrameTransforms};
 use tprmp_spatial::Pose;
 
+use crate::alignment::rest::DemonstrationError;
 use crate::canonical::frame_map::{self, Moving};
-use crate::canonical::kaiser_smoothing::kaiser_smoothing;
-use crate::canonical::means::{mean_frames, mean_start};
-use crate::canonical::motion::{DemonstrationError, moving_ranges, scales, span};
+use crate::canonical::means::mean_frames;
 use crate::canonical::path::Path;
 use crate::canonical::phase_profile::PhaseProfile;
 use crate::canonical::savitzky_golay::smooth;
-use crate::demonstration::Demonstration;
-use crate::skill::{FitSettings, Skill};
+use crate::demonstration::{Demonstration, diagonal};
+use crate::skill::{FitSettings, Scale, Skill};
 
 /// Largest angle between a demonstrated orientation and the goal's \[rad\]: the chart ends at π, and its
 /// derivatives grow without bound before.
@@ -41,8 +40,6 @@ pub struct CanonicalSet {
 pub struct CanonicalDemonstration {
     /// Its frames, ready to map with.
     pub transforms: FrameTransforms,
-    /// Samples at rest that were cut at its start.
-    pub rest: usize,
     /// Fraction of the duration at which each sample is taken.
     pub times: Vec<f64>,
     /// Phase of each sample, with its first two derivatives in time [1, 1/s, 1/s²].
@@ -53,18 +50,25 @@ pub struct CanonicalDemonstration {
     pub rotation: Path,
 }
 
-impl CanonicalDemonstration {
-    /// Indices of its samples in the demonstration: those between its rests.
-    #[must_use]
-    pub fn moving(&self) -> std::ops::Range<usize> {
-        self.rest..self.rest + self.position.points.len()
-    }
+/// ŷ = s y for positions and rotations of these spans.
+pub(crate) fn scales(scale: &Scale, position_m: f64, rotation_rad: f64) -> [f64; 2] {
+    [
+        scale.span / position_m.max(scale.position_span_min_m),
+        scale.span / rotation_rad.max(scale.orientation_span_min_rad),
+    ]
 }
 
-/// Brings demonstrations into canonical coordinates.
+/// Diagonal of the bounding box of all points along these axes. Those of a frame rotate with the
+/// demonstrations: so the span does not depend on how the robot's base frame lies.
+pub(crate) fn span<'a>(paths: impl Iterator<Item = &'a Path> + Clone, axes: DQuat) -> f64 {
+    let along = axes.conjugate();
+    diagonal(paths.flat_map(|path| &path.points).map(|point| along * *point))
+}
+
+/// Brings aligned demonstrations into canonical coordinates.
 ///
 /// # Errors
-/// [`DemonstrationError`]: one does not move, or rotates by almost 180° or more against the goal.
+/// [`DemonstrationError`]: one rotates by almost 180° or more against the goal.
 ///
 /// # Panics
 /// When there is no demonstration, or one lacks a frame of the skill.
@@ -73,23 +77,19 @@ pub fn canonicalise(
     demonstrations: &[Demonstration],
 ) -> Result<CanonicalSet, DemonstrationError> {
     let mean = mean_frames(demonstrations);
-    let ranges = moving_ranges(demonstrations, &skill.smoothing, &skill.scale)?;
-    let moving: Vec<Moving> = std::iter::zip(demonstrations, &ranges)
-        .map(|(demonstration, range)| Moving {
-            frames: skill.frames(demonstration),
-            poses: &demonstration.poses[range.clone()],
-        })
+    let moving: Vec<Moving> = demonstrations
+        .iter()
+        .map(|d| Moving { frames: skill.frames(d), poses: &d.poses })
         .collect();
-    let durations = std::iter::zip(demonstrations, &ranges)
-        .map(|(demonstration, range)| (range.len() - 1) as f64 * demonstration.sampling_time_s);
+    let durations = demonstrations.iter().map(|d| (d.poses.len() - 1) as f64 * d.sampling_time_s);
     let mean_duration_s = durations.sum::<f64>() / demonstrations.len() as f64;
     let profile = PhaseProfile::of(&skill.fit, mean_duration_s);
     let map = frame_map::choose(skill, &mean, &moving, &profile).map_err(|error| {
         DemonstrationError { name: demonstrations[0].name.clone(), problem: format!("{error:?}") }
     })?;
     let mut all = Vec::with_capacity(demonstrations.len());
-    for ((demonstration, range), moving) in demonstrations.iter().zip(&ranges).zip(&moving) {
-        let mut canonical = pulled_back(skill, demonstration, moving, range.start, &map, &profile)?;
+    for (demonstration, moving) in demonstrations.iter().zip(&moving) {
+        let mut canonical = pulled_back(skill, demonstration, moving, &map, &profile)?;
         canonical.position.end_at(mean.goal.position, demonstration.sampling_time_s);
         canonical.rotation.end_at(DVec3::ZERO, demonstration.sampling_time_s);
         all.push(canonical);
@@ -103,12 +103,10 @@ pub fn canonicalise(
 }
 
 /// A demonstration through the map of its frames, smoothed, and from rest where the policy starts so.
-/// Its first sample is sample `rest` of the recording.
 fn pulled_back(
     skill: &Skill,
     demonstration: &Demonstration,
     moving: &Moving,
-    rest: usize,
     map: &FrameMap,
     profile: &PhaseProfile,
 ) -> Result<CanonicalDemonstration, DemonstrationError> {
@@ -131,8 +129,9 @@ fn pulled_back(
         let angle = point.rotation.length();
         if angle > ANGLE_MAX_RAD {
             let problem = format!(
-                "sample {} is rotated by {:.0}° against the goal; at most {:.0}° can be learned",
-                rest + i,
+                "{:.0} % of its motion on, it is rotated by {:.0}° against the goal; at most {:.0}° can \
+                 be learned",
+                100.0 * times[i],
                 angle.to_degrees(),
                 ANGLE_MAX_RAD.to_degrees()
             );
@@ -151,7 +150,7 @@ fn pulled_back(
         path
     };
     let (position, rotation) = (smoothed(&positions), smoothed(&rotations));
-    Ok(CanonicalDemonstration { transforms, rest, times, phases, position, rotation })
+    Ok(CanonicalDemonstration { transforms, times, phases, position, rotation })
 }
 
 /// A demonstration without its rests in canonical coordinates, for its frames.
@@ -165,24 +164,4 @@ pub fn canonical_path(
     let last = (poses.len() - 1) as f64;
     let at = |(i, pose)| map.inverse(transforms, profile.at(i as f64 / last)[0], pose);
     poses.iter().enumerate().map(at).collect()
-}
-
-/// Demonstrations as they are learned from: smoothed by a Kaiser window where the fit asks for it, and
-/// with a start frame that is fixed to the goal frame for skills that have no other.
-#[must_use]
-pub fn prepared(skill: &Skill, demonstrations: &[Demonstration]) -> Vec<Demonstration> {
-    let mut demonstrations = demonstrations.to_vec();
-    if let Some(settings) = skill.fit.kaiser_smoothing() {
-        for demonstration in &mut demonstrations {
-            let (poses, dt) = (&demonstration.poses, demonstration.sampling_time_s);
-            demonstration.poses = kaiser_smoothing(poses, dt, settings);
-        }
-    }
-    if skill.start_frame == skill.goal_frame {
-        let start = mean_start(&demonstrations);
-        for demonstration in &mut demonstrations {
-            demonstration.start = demonstration.goal_frame.compose(&start);
-        }
-    }
-    demonstrations
 }

@@ -12,8 +12,8 @@ use tprmp_spatial::{MovingPose, Pose};
 
 use crate::canonical::adaptation::{self, Observation};
 use crate::canonical::means::{MeanFrames, mean_pose};
-use crate::canonical::motion::scales;
 use crate::canonical::phase_profile::PhaseProfile;
+use crate::canonical::scales;
 use crate::demonstration::diagonal;
 use crate::skill::{FitSettings, FrameMapSettings, Skill};
 
@@ -130,6 +130,7 @@ impl Chooser<'_> {
             (variance(index, step).0 / others.fold(f64::INFINITY, f64::min)).sqrt()
         };
         let phase = |step: usize| self.profile.at(self.time(step))[0];
+        if std::env::var("FD").is_ok() { for step in 0..self.settings.phases_compared { eprintln!("{step} {:.3} {:.4} box {:.5} start {:.5} goal {:.5}", phase(step), fraction(step), variance(index, step).0.sqrt(), variance(0, step).0.sqrt(), variance(goal, step).0.sqrt()); } }
         let (step, least) = (0..self.settings.phases_compared)
             .filter(|step| (PHASE_DISTANCE_MIN..=1.0 - PHASE_DISTANCE_MIN).contains(&phase(*step)))
             .map(|step| (step, fraction(step)))

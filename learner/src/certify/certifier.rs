@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use tprmp_model::skill_model::{Certificate, DemonstrationRollout, Rollouts, blocks};
 use tprmp_spatial::Pose;
 
-use crate::canonical::{CanonicalDemonstration, CanonicalSet};
+use crate::canonical::CanonicalSet;
 use crate::certify::failures::failures;
 use crate::certify::policy::{Body, LearnedPolicy};
 use crate::certify::rollout::{Outcome, RolloutSpec, Target, follow};
@@ -40,19 +40,13 @@ impl<'a> Certifier<'a> {
     /// Follows the policy from every demonstration's start, from rest, with its frames.
     #[must_use]
     pub fn follow_demonstrations(&self) -> Vec<DemonstrationRollout> {
-        let Starts { demonstrations, set, .. } = &self.starts;
-        let pairs = demonstrations.par_iter().zip(&set.demonstrations);
-        pairs.map(|(demonstration, canonical)| self.follow(demonstration, canonical)).collect()
+        self.starts.demonstrations.par_iter().map(|one| self.follow(one)).collect()
     }
 
-    fn follow(
-        &self,
-        demonstration: &Demonstration,
-        canonical: &CanonicalDemonstration,
-    ) -> DemonstrationRollout {
+    fn follow(&self, demonstration: &Demonstration) -> DemonstrationRollout {
         let settings = &self.skill.certification;
         let step_s = settings.demonstration_step_s;
-        let demonstrated = &demonstration.poses[canonical.rest..];
+        let demonstrated = &demonstration.poses;
         let duration_s = (demonstrated.len() - 1) as f64 * demonstration.sampling_time_s;
         let steps = (settings.horizon_s.max(duration_s) / step_s).ceil() as usize + 1;
         let target = Target { goal: self.starts.goal(&demonstration.goal_frame), arrived: None };

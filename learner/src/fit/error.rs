@@ -3,7 +3,7 @@
 use clarabel::solver::{SolverError, SolverStatus};
 use tprmp_model::skill_model::Program;
 
-use crate::canonical::DemonstrationError;
+use crate::alignment::rest::DemonstrationError;
 
 /// Why a policy is not fitted.
 #[derive(Debug, thiserror::Error)]

@@ -34,8 +34,8 @@ use tprmp_rmpflow::policy::thesis::{GaussianField, ThesisState};
 use tprmp_spatial::rotation::rotation_vector;
 use tprmp_spatial::{MovingPose, Pose};
 
+use crate::alignment::rest::DemonstrationError;
 use crate::canonical::savitzky_golay::smooth;
-use crate::canonical::{CanonicalSet, DemonstrationError};
 use crate::demonstration::Demonstration;
 use crate::fit::conic::{Affine, ConicProgram, Solution};
 use crate::fit::error::{FitError, NotSolved};
@@ -72,10 +72,8 @@ pub struct ThesisFit<'a> {
     pub skill: &'a Skill,
     /// How its policy is fitted.
     pub settings: &'a ThesisSettings,
-    /// The demonstrations …
+    /// The demonstrations, without rests.
     pub demonstrations: &'a [Demonstration],
-    /// … in canonical coordinates.
-    pub set: &'a CanonicalSet,
 }
 
 impl ThesisFit<'_> {
@@ -100,8 +98,7 @@ impl ThesisFit<'_> {
             damping: vec![self.settings.damping_min; components],
         };
         let demonstrated = |thesis: &ThesisModel| -> Result<Vec<_>, DemonstrationError> {
-            let pairs = self.demonstrations.par_iter().zip(&self.set.demonstrations);
-            pairs.map(|(d, canonical)| self.in_chart::<D>(thesis, d, canonical.moving())).collect()
+            self.demonstrations.par_iter().map(|d| self.in_chart::<D>(thesis, d)).collect()
         };
         let (potentials, potential_fit) = fit_potential(&demonstrated(&thesis)?, self.settings)?;
         thesis.potentials = potentials;
@@ -110,12 +107,11 @@ impl ThesisFit<'_> {
         Ok((PolicyModel::Thesis(thesis), vec![potential_fit, damping_fit]))
     }
 
-    /// The moving samples of a demonstration in the chart of the field with its frames.
+    /// The samples of a demonstration in the chart of the field with its frames.
     fn in_chart<const D: usize>(
         &self,
         thesis: &ThesisModel,
         demonstration: &Demonstration,
-        moving: std::ops::Range<usize>,
     ) -> Result<Demonstrated<D>, DemonstrationError> {
         let not_a_product = || DemonstrationError {
             name: demonstration.name.clone(),
@@ -154,7 +150,8 @@ impl ThesisFit<'_> {
             velocity: joined(linear[i], angular[i]),
             step_s: dt * stride as f64,
         };
-        Ok(Demonstrated { samples: moving.step_by(stride).map(sample).collect(), field })
+        let samples = (0..poses.len()).step_by(stride).map(sample).collect();
+        Ok(Demonstrated { samples, field })
     }
 }
 

@@ -13,7 +13,9 @@ use std::sync::mpsc;
 
 use rayon::prelude::*;
 
-use crate::canonical::{DemonstrationError, canonicalise, prepared};
+use crate::alignment::align;
+use crate::alignment::rest::DemonstrationError;
+use crate::canonical::canonicalise;
 use crate::demonstration::Demonstration;
 use crate::mixture::tp_gmm::Samples;
 use crate::skill::Skill;
@@ -114,7 +116,7 @@ pub fn choose(
     for end in [*range.start(), *range.end()] {
         skill.clone().with_components(end).map_err(ChoiceError::Components)?;
     }
-    let demonstrations = &prepared(skill, demonstrations);
+    let demonstrations = &align(skill, demonstrations)?.demonstrations;
     let set = canonicalise(skill, demonstrations)?;
     let samples = Samples::new(skill, demonstrations, &set);
     let most = samples.components_max();

@@ -93,14 +93,14 @@ pub enum MixtureError {
 }
 
 impl Samples {
-    /// The samples of demonstrations, those at rest at the ends left out.
+    /// The samples of aligned demonstrations.
     ///
     /// # Panics
     /// When a path has no length, or a demonstration not the frames of the skill.
     #[must_use]
     pub fn new(skill: &Skill, demonstrations: &[Demonstration], set: &CanonicalSet) -> Self {
         let count = skill.named_frames(&demonstrations[0]).count();
-        let frames = (0..count).map(|p| frame_view(skill, demonstrations, set, p)).collect();
+        let frames = (0..count).map(|p| frame_view(skill, demonstrations, set.scales, p)).collect();
         let times = set.demonstrations.iter().flat_map(|d| &d.times).copied().collect();
         let phases = set.demonstrations.iter().flat_map(|d| &d.phases).map(|phase| phase[0]);
         Self { frames, ..Self::canonical(&joint_paths(skill, set), times, phases.collect()) }
@@ -289,21 +289,21 @@ fn arc_lengths(path: &[DVector<f64>]) -> Vec<f64> {
 fn frame_view(
     skill: &Skill,
     demonstrations: &[Demonstration],
-    set: &CanonicalSet,
+    scales: [f64; 2],
     p: usize,
 ) -> (String, View) {
     let (mut positions, mut orientations): (Vec<DVec3>, Vec<DQuat>) = (Vec::new(), Vec::new());
-    for (demonstration, canonical) in demonstrations.iter().zip(&set.demonstrations) {
+    for demonstration in demonstrations {
         let from_frame = skill.frames(demonstration)[p].inverse();
-        for pose in &demonstration.poses[canonical.moving()] {
+        for pose in &demonstration.poses {
             let seen = from_frame.compose(pose);
             positions.push(seen.position);
             orientations.push(seen.orientation);
         }
     }
-    let orientations = skill.manifold.has_orientation().then_some((orientations, set.scales[1]));
+    let orientations = skill.manifold.has_orientation().then_some((orientations, scales[1]));
     let view =
-        View::poses(&positions, skill.manifold.position_dimension(), set.scales[0], orientations);
+        View::poses(&positions, skill.manifold.position_dimension(), scales[0], orientations);
     let name = skill.named_frames(&demonstrations[0]).nth(p).expect("p is one of the frames").0;
     (name.into(), view)
 }

@@ -4,5 +4,5 @@ mod read;
 mod settings;
 mod validate;
 
-pub use read::SCHEMA;
+pub use read::{SCHEMA, SCHEMA_BEFORE};
 pub use settings::*;

@@ -3,23 +3,33 @@
 use std::path::Path;
 
 use ron::extensions::Extensions;
-use serde::Deserialize;
+use serde::de::IgnoredAny;
+use serde::{Deserialize, Deserializer};
 use tprmp_model::{RenamedKey, renamed_keys};
 use tprmp_spatial::Pose;
 
 use crate::demonstration::Demonstration;
 use crate::file_error::{FileError, read_text};
-use crate::skill::settings::Skill;
+use crate::skill::settings::{AlignmentSettings, Skill};
 use crate::skill::validate::{validate, validate_counts};
 
 /// Schema version this module reads.
-pub const SCHEMA: &str = "tprmp-skill/4";
+pub const SCHEMA: &str = "tprmp-skill/5";
+/// The one before it, which is read too: what it lacks is as in the shipped skill files.
+pub const SCHEMA_BEFORE: &str = "tprmp-skill/4";
 /// Largest skill file [bytes]; those of the repository have some thousand.
 const BYTES_MAX: u64 = 256 << 10;
 
 #[derive(Deserialize)]
 struct Header {
     schema: String,
+    /// Whether there is such a group.
+    #[serde(default, deserialize_with = "is_there")]
+    alignment: bool,
+}
+
+fn is_there<'de, D: Deserializer<'de>>(deserializer: D) -> Result<bool, D::Error> {
+    IgnoredAny::deserialize(deserializer).map(|_| true)
 }
 
 impl Skill {
@@ -38,18 +48,30 @@ impl Skill {
             let names: Vec<String> = renamed.iter().map(RenamedKey::to_string).collect();
             return Err(FileError::syntax(path, first.line, first.column, names.join("; ")));
         }
-        if let Ok(Header { schema: found }) = options.from_str(&text)
-            && found != SCHEMA
+        let header = options.from_str::<Header>(&text).ok();
+        let is = |schema| header.as_ref().is_some_and(|header| header.schema == schema);
+        if let Some(Header { schema: found, .. }) = &header
+            && !(is(SCHEMA) || is(SCHEMA_BEFORE))
         {
             let problem = format!(
-                "expected `{SCHEMA}`, found `{found}`; new in it are the group `frame_map`, and numbers \
-                 in `fit` and `certification`: take them from the skill files in config/skills"
+                "expected `{SCHEMA}`, found `{found}`; take what is new in it from the skill files in \
+                 config/skills"
             );
             return Err(FileError::key(path, "schema", problem));
         }
-        let skill: Self = options.from_str(&text).map_err(|e| {
+        let mut skill: Self = options.from_str(&text).map_err(|e| {
             FileError::syntax(path, e.span.start.line, e.span.start.col, e.code.to_string())
         })?;
+        let has_alignment = header.is_some_and(|header| header.alignment);
+        match (skill.schema == SCHEMA, has_alignment) {
+            (true, false) => {
+                let problem = "expected how demonstrations are brought to a common time, found none; \
+                               take this group from the skill files in config/skills";
+                return Err(FileError::key(path, "alignment", problem));
+            }
+            (false, false) => skill.alignment = AlignmentSettings::shipped(&skill.fit),
+            _ => {}
+        }
         validate(&skill).map_err(|(key, problem)| FileError::key(path, key, problem))?;
         Ok(skill)
     }

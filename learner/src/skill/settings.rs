@@ -33,6 +33,9 @@ pub struct Skill {
     pub smoothing: Smoothing,
     /// Lengths in which the field is fitted.
     pub scale: Scale,
+    /// How the demonstrations are brought to a common time.
+    #[serde(default = "AlignmentSettings::joint")]
+    pub alignment: AlignmentSettings,
     /// Gaussian mixture.
     pub mixture: Mixture,
     /// How the frames act on the space.
@@ -88,6 +91,63 @@ pub struct Scale {
     pub position_span_min_m: f64,
     /// A smaller span of the orientations is taken as this \[rad\].
     pub orientation_span_min_rad: f64,
+}
+
+/// How demonstrations are brought to a common time (see [`alignment`](crate::alignment)).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AlignmentSettings {
+    /// What says which samples of the demonstrations belong together.
+    pub method: AlignmentMethod,
+    /// A slow stretch of this length or more is a pause \[s\]: kept when all demonstrations make it.
+    pub pause_min_s: f64,
+    /// Places of the path at which demonstrations are compared.
+    pub places: usize,
+    /// How often maps and what they have in common are found anew, at most.
+    pub rounds: usize,
+    /// λ: weight of (γ′ − 1)², the change of pace, against half the squared distance in standard deviations.
+    pub stiffness: f64,
+    /// Width of the Gaussian that smooths the pace, as a fraction of the path.
+    pub width: f64,
+    /// Demonstrations are never taken to agree better than this \[ŷ\].
+    pub agreement_floor: f64,
+}
+
+impl AlignmentSettings {
+    /// Those of the shipped skill files, for files of the schema before, which have none.
+    #[must_use]
+    pub fn shipped(fit: &FitSettings) -> Self {
+        match fit {
+            FitSettings::Canonical(_) => Self::joint(),
+            // As published.
+            FitSettings::Thesis(_) => Self { method: AlignmentMethod::Clock, ..Self::joint() },
+        }
+    }
+
+    fn joint() -> Self {
+        Self {
+            method: AlignmentMethod::Joint,
+            pause_min_s: 0.25,
+            places: 150,
+            rounds: 10,
+            stiffness: 5.0,
+            width: 0.03,
+            agreement_floor: 0.03,
+        }
+    }
+}
+
+/// What says which samples of several demonstrations belong together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum AlignmentMethod {
+    /// The same fraction of the time between the rests: for teachers that keep time.
+    Clock,
+    /// The same fraction of the path's length.
+    ArcLength,
+    /// Dynamic time warping onto the mean of all, seen from the goal frame.
+    Barycentre,
+    /// The same, seen from all frames at once: at each place that frame counts from which they agree.
+    Joint,
 }
 
 /// How the map of the frames is chosen (see [`canonical`](crate::canonical)).

@@ -88,6 +88,9 @@ fn validate_positive(skill: &Skill) -> Result<(), Wrong> {
     positive.extend(keys! {
         "scale" skill.scale => span position_span_min_m orientation_span_min_rad
     });
+    positive.extend(keys! {
+        "alignment" skill.alignment => pause_min_s stiffness width agreement_floor
+    });
     positive.extend(keys! { "mixture" skill.mixture => regularisation covariance_scale });
     positive.extend(keys! {
         "certification" skill.certification =>
@@ -160,6 +163,8 @@ fn validate_ranges(skill: &Skill) -> Result<(), Wrong> {
     if let FitSettings::Canonical(fit) = &skill.fit {
         validate_damping(fit.damping_1_s, certification)?;
     }
+    let width = keys! { "alignment" skill.alignment => width };
+    check(width, |x| x <= 0.2, "a fraction of at most 0.2")?;
     let shape = skill.fit.kaiser_smoothing().map(|kaiser| kaiser.shape);
     let shape = shape.map(|shape| ("fit.kaiser_smoothing.shape", shape));
     check(shape, |x| x <= SHAPE_MAX, &format!("at most {SHAPE_MAX}"))?;
@@ -203,6 +208,9 @@ fn validate_damping(damping_1_s: f64, certification: &Certification) -> Result<(
 pub(crate) fn validate_counts(skill: &Skill) -> Result<(), Wrong> {
     let mut counts = Vec::new();
     counts.extend(counts! { "smoothing" skill.smoothing => degree in 2..=5 });
+    counts.extend(counts! {
+        "alignment" skill.alignment => places in 20..=1000, rounds in 1..=100
+    });
     counts.extend(counts! {
         "mixture" skill.mixture =>
         components in 1..=COMPONENT_CAPACITY - 1, iterations in 1..=1000

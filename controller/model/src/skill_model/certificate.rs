@@ -67,6 +67,9 @@ pub struct Rollouts {
     /// Largest rise of `V = Φ + ½żᵀMż` in a step, relative to its value at the start above that at the
     /// goal.
     pub energy_rise_max: f64,
+    /// Of those that did not reach it, how many were still on their way when time was up.
+    #[serde(default)]
+    pub on_their_way: u32,
 }
 
 impl Certificate {

@@ -8,10 +8,10 @@ use tprmp_files::{Draft, Existing, WriteError};
 
 use crate::ron_text::{compact, entries};
 use crate::skill_model::model::SkillModel;
-use crate::skill_model::upgrade::{SCHEMA_BEFORE, upgraded};
+use crate::skill_model::upgrade::{SCHEMA_BEFORE, SCHEMA_RENAMED, upgraded};
 
-/// Schema version this crate writes, and reads beside the last one.
-pub const SCHEMA: &str = "tprmp-model/6";
+/// Schema version this crate writes, and reads beside the two before.
+pub const SCHEMA: &str = "tprmp-model/7";
 
 /// Largest file [bytes]: most Gaussians, frames and coordinates together make less than one MiB.
 const BYTES_MAX: u64 = 2 << 20;
@@ -41,8 +41,8 @@ pub enum ModelError {
     },
     /// The file has a schema that is not read.
     #[error(
-        "model file `{path}`, key `schema`: expected `{SCHEMA}`, or `{SCHEMA_BEFORE}` of the last \
-         version, found `{found}`: train it again with this version"
+        "model file `{path}`, key `schema`: expected `{SCHEMA}`, or `{SCHEMA_BEFORE}` or \
+         `{SCHEMA_RENAMED}` of earlier versions, found `{found}`: train it again with this version"
     )]
     Schema {
         /// The file.
@@ -99,7 +99,7 @@ struct ModelFileIn {
     body: SkillModel,
 }
 
-/// Reads and validates a model file, of this version's schema or of the last one's.
+/// Reads and validates a model file, of this version's schema or of the two before.
 ///
 /// # Errors
 /// [`ModelError`], each naming the file: it is missing, truncated, of a schema that is not read,
@@ -121,8 +121,8 @@ fn parse(text: &str, path: &Path) -> Result<SkillModel, ModelError> {
     // The header first: a body of another version need not parse.
     let header: Header = ron::from_str(text).map_err(syntax)?;
     let file: ModelFileIn = match header.schema.as_str() {
-        SCHEMA => ron::from_str(text).map_err(syntax)?,
-        SCHEMA_BEFORE => ron::from_str(&upgraded(text)).map_err(syntax)?,
+        SCHEMA | SCHEMA_BEFORE => ron::from_str(text).map_err(syntax)?,
+        SCHEMA_RENAMED => ron::from_str(&upgraded(text)).map_err(syntax)?,
         _ => return Err(ModelError::Schema { path: path.into(), found: header.schema }),
     };
     let body = entries(text).into_iter().find(|entry| entry.path == "body");

@@ -111,6 +111,13 @@ pub struct Fit {
     pub em_log_likelihood: f64,
     /// The convex programs, in the order in which they were solved.
     pub programs: Vec<ProgramFit>,
+    /// Duration of the common motion of the demonstrations \[s\]; 0 in files of schemas before 7.
+    #[serde(default)]
+    pub duration_s: f64,
+    /// How far the demonstrations lie apart in canonical coordinates, root of the mean square [m, rad], at
+    /// equal fractions of that duration.
+    #[serde(default)]
+    pub agreement: Vec<[f64; 2]>,
     /// How the demonstrations are followed from their starts, with their frames.
     pub demonstrations: Vec<DemonstrationRollout>,
 }
@@ -169,6 +176,30 @@ pub struct DemonstrationRollout {
     pub tracking_rms_m: f64,
     /// The same for the angle \[rad\].
     pub tracking_rms_rad: f64,
-    /// Root of the mean square distance to the rollout's nearest point, whatever the time \[m\].
+    /// Root of the mean square distance of the recording to the rollout's nearest point, whatever the time \[m\].
     pub path_rms_m: f64,
+    /// The same for the angle, where position and angle together are nearest \[rad\].
+    #[serde(default)]
+    pub path_rms_rad: f64,
+    /// Distance of the rollout's end to where this demonstration ends \[m\].
+    #[serde(default)]
+    pub end_error_m: f64,
+    /// The same for the angle \[rad\].
+    #[serde(default)]
+    pub end_error_rad: f64,
+    /// Root of the mean square distance to what the other demonstrations predict for its frames \[m\].
+    #[serde(default)]
+    pub predicted_rms_m: f64,
+    /// The same for the angle \[rad\].
+    #[serde(default)]
+    pub predicted_rms_rad: f64,
+    /// How long the rollout takes until it stays near its end \[s\].
+    #[serde(default)]
+    pub execution_s: f64,
+    /// How long the demonstration takes, without rests and pauses that the others do not make \[s\].
+    #[serde(default)]
+    pub duration_s: f64,
+    /// Times in the recording at equal steps of the common time \[s\].
+    #[serde(default)]
+    pub recorded_s: Vec<f64>,
 }

@@ -1,8 +1,8 @@
 //! The frozen model of a learned skill: its schema, reader, writer and validation.
 //!
-//! The file is RON text, `(schema: "tprmp-model/6", checksum: "sha256:…", body: (…))`. The checksum
+//! The file is RON text, `(schema: "tprmp-model/7", checksum: "sha256:…", body: (…))`. The checksum
 //! is the SHA-256 of the body without spaces, comments and commas before closing brackets, so that
-//! comments and layout may change, numbers may not. Files of the last version's schema are read too.
+//! comments and layout may change, numbers may not. Files of the two schemas before are read too.
 //!
 //! *Canonical coordinates* are those of the space in which all demonstrations share their start
 //! frame and goal frame \[m\], and, for the orientation, the rotation vector at the goal,

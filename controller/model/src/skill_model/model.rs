@@ -127,6 +127,14 @@ pub struct FrameMixture {
     pub name: String,
     /// Its Gaussians, in order.
     pub gaussians: Vec<FrameGaussian>,
+    /// How far the demonstrations lie apart seen from it, root of the mean square [m, rad], at equal fractions
+    /// of their common duration.
+    #[serde(default)]
+    pub agreement: Vec<[f64; 2]>,
+    /// For a frame that is neither start nor goal: the least fraction of that distance against what start and
+    /// goal frame see, by which it was decided whether the path passes it.
+    #[serde(default)]
+    pub agreement_fraction: Option<f64>,
 }
 
 /// A Gaussian over poses seen from a frame.

@@ -1,21 +1,23 @@
-//! Model files of the last version.
+//! Model files of earlier versions.
 
 use std::ops::Range;
 
 use crate::renamed::new_name;
 use crate::ron_text::{entries, tokens};
 
-/// Schema of the last version, which is read too.
-pub(super) const SCHEMA_BEFORE: &str = "tprmp-model/5";
+/// Schema of the last version, which is read too: it only lacks figures of the fit.
+pub(super) const SCHEMA_BEFORE: &str = "tprmp-model/6";
+/// Schema of the version before, which is read too, with other names.
+pub(super) const SCHEMA_RENAMED: &str = "tprmp-model/5";
 
-/// Names of the fit's figures and constraints in the last version, and what they are called now.
+/// Names of the fit's figures and constraints in that version, and what they are called now.
 const RENAMED_FIT: [(&str, &str); 3] = [
     ("repairs", "refinement rounds"),
     ("share against the demonstrations", "fraction against the demonstrations"),
     ("stiffness across the way", "stiffness across the path"),
 ];
 
-/// The text of a file of the last version with this version's names; nothing else changes.
+/// The text of a file of that version with this version's names; nothing else changes.
 pub(super) fn upgraded(text: &str) -> String {
     let entries = entries(text);
     let within = |path: &str| {

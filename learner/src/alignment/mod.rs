@@ -1,0 +1,173 @@
+//! Step 1, alignment: a common time for demonstrations that people gave at their own pace.
+//!
+//! Nobody repeats a motion at the same pace. What the demonstrations have in common is therefore found by
+//! where they are, seen from their frames, and not by the clock:
+//!
+//! 1. rests at the ends and pauses are [found](rest), with the recording's noise in mind, and cut,
+//! 2. each demonstration gets a coordinate σ, the length of its path in position and orientation,
+//!    which is regular where nothing moves,
+//! 3. a monotone map of σ onto that of a common [template](template) is found for all of them
+//!    together, by [dynamic programming](warp): where the demonstrations agree, seen from a frame, that
+//!    frame speaks,
+//! 4. the [common timing](timing) is the mean of theirs, lasts as long as they do at the median, and
+//!    pauses where all of them do.
+//!
+//! Each demonstration is then sampled anew at the common times: all that follows sees demonstrations of
+//! the same duration, which are at the same place of the skill at the same time.
+//!
+//! ```text
+//! t_i(b) = σ_i⁻¹(γ_i(b))     T(b) = median_j T_j · mean_i t_i(b)/T_i     x_i(t) = X_i(t_i(T⁻¹(t)))
+//! ```
+
+mod resample;
+pub mod rest;
+mod template;
+mod timing;
+mod warp;
+
+use tprmp_spatial::Pose;
+
+use crate::alignment::rest::{DemonstrationError, Motion};
+use crate::alignment::template::Views;
+use crate::alignment::timing::{CommonTime, Track};
+use crate::canonical::kaiser_smoothing::kaiser_smoothing;
+use crate::canonical::means::mean_start;
+use crate::demonstration::Demonstration;
+use crate::skill::{AlignmentMethod, Skill};
+
+/// Demonstrations as they are learned from.
+#[derive(Clone, Debug)]
+pub struct Aligned {
+    /// The demonstrations at the common times: without rests, of one duration.
+    pub demonstrations: Vec<Demonstration>,
+    /// What was done to each.
+    pub alignments: Vec<Alignment>,
+    /// Where the common motion pauses: its beginning and its duration \[s\].
+    pub pauses: Vec<[f64; 2]>,
+}
+
+/// What was done to a demonstration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Alignment {
+    /// Sample of the recording, with its fraction, at each common time.
+    pub samples: Vec<f64>,
+    /// Time between the samples of the recording \[s\].
+    pub sampling_time_s: f64,
+    /// Rest that was cut at the start and at the end \[s\].
+    pub rests_s: [f64; 2],
+    /// Pauses that the others do not make, which were cut \[s\].
+    pub pauses_s: f64,
+    /// Duration of the motion, without them \[s\].
+    pub duration_s: f64,
+}
+
+/// Cuts rests, and brings the demonstrations to a common time, as the skill's `alignment` says. What the
+/// fit smooths before anything else is smoothed first; the start frame of a skill that has no other is
+/// fixed to its goal frame.
+///
+/// # Errors
+/// [`DemonstrationError`]: one does not move.
+///
+/// # Panics
+/// When there is no demonstration, or one lacks a frame of the skill.
+pub fn align(skill: &Skill, recorded: &[Demonstration]) -> Result<Aligned, DemonstrationError> {
+    let demonstrations = with_start_frame(skill, smoothed(skill, recorded));
+    let motions = rest::motions(&demonstrations, &skill.smoothing, &skill.scale)?;
+    let settings = &skill.alignment;
+    if settings.method == AlignmentMethod::Clock {
+        return Ok(as_recorded(demonstrations, &motions));
+    }
+    let tracks: Vec<Track> =
+        motions.iter().map(|motion| Track::new(motion, settings.pause_min_s)).collect();
+    let warps = match settings.method {
+        AlignmentMethod::Clock | AlignmentMethod::ArcLength => Vec::new(),
+        AlignmentMethod::Barycentre => {
+            // The goal's view alone, in which every demonstration ends alike.
+            let goal = usize::from(skill.start_frame != skill.goal_frame);
+            let views = Views::new(skill, &demonstrations, &motions, &tracks, &[goal]);
+            template::warps(&views, settings)
+        }
+        AlignmentMethod::Joint => {
+            let frames: Vec<usize> = (0..skill.frames(&demonstrations[0]).len()).collect();
+            let views = Views::new(skill, &demonstrations, &motions, &tracks, &frames);
+            template::warps(&views, settings)
+        }
+    };
+    let common = CommonTime::new(&tracks, &warps);
+    Ok(at_common_times(demonstrations, &motions, &tracks, &common))
+}
+
+/// Without the rests, each at its own times.
+fn as_recorded(mut demonstrations: Vec<Demonstration>, motions: &[Motion]) -> Aligned {
+    let mut alignments = Vec::with_capacity(motions.len());
+    for (demonstration, motion) in demonstrations.iter_mut().zip(motions) {
+        let (moving, dt) = (motion.moving.clone(), motion.sampling_time_s);
+        let last = demonstration.poses.len() - 1;
+        alignments.push(Alignment {
+            samples: moving.clone().map(|sample| sample as f64).collect(),
+            sampling_time_s: dt,
+            rests_s: [moving.start as f64 * dt, (last + 1 - moving.end) as f64 * dt],
+            pauses_s: 0.0,
+            duration_s: (moving.len() - 1) as f64 * dt,
+        });
+        let (first, end) = (demonstration.poses[0], demonstration.poses[last]);
+        demonstration.poses = demonstration.poses[moving].to_vec();
+        // Without its rests it still begins and ends where it did.
+        demonstration.poses[0] = first;
+        *demonstration.poses.last_mut().expect("it moves") = end;
+    }
+    Aligned { demonstrations, alignments, pauses: Vec::new() }
+}
+
+/// Each demonstration sampled at the common times.
+fn at_common_times(
+    mut demonstrations: Vec<Demonstration>,
+    motions: &[Motion],
+    tracks: &[Track],
+    common: &CommonTime,
+) -> Aligned {
+    let mut alignments = Vec::with_capacity(tracks.len());
+    for (i, demonstration) in demonstrations.iter_mut().enumerate() {
+        let (samples, dt) = (common.samples(i), motions[i].sampling_time_s);
+        let mut poses: Vec<Pose> = resample::poses(&demonstration.poses, &samples);
+        let last = demonstration.poses.len() - 1;
+        let moving = &motions[i].moving;
+        // It begins and ends where it rests: at first, and at last.
+        poses[0] = resample::mean(&demonstration.poses[..=moving.start / 2]);
+        let end = (moving.end - 1 + last).div_ceil(2);
+        *poses.last_mut().expect("there are some") = resample::mean(&demonstration.poses[end..]);
+        alignments.push(Alignment {
+            rests_s: [moving.start as f64 * dt, (last + 1 - moving.end) as f64 * dt],
+            pauses_s: tracks[i].pauses_s() - common.kept_pauses_s(i),
+            duration_s: tracks[i].duration_s() + common.kept_pauses_s(i),
+            samples,
+            sampling_time_s: dt,
+        });
+        demonstration.poses = poses;
+        demonstration.sampling_time_s = common.sampling_time_s;
+    }
+    Aligned { demonstrations, alignments, pauses: common.pauses() }
+}
+
+/// Smoothed by a Kaiser window where the fit asks for it.
+fn smoothed(skill: &Skill, recorded: &[Demonstration]) -> Vec<Demonstration> {
+    let mut demonstrations = recorded.to_vec();
+    if let Some(settings) = skill.fit.kaiser_smoothing() {
+        for demonstration in &mut demonstrations {
+            let (poses, dt) = (&demonstration.poses, demonstration.sampling_time_s);
+            demonstration.poses = kaiser_smoothing(poses, dt, settings);
+        }
+    }
+    demonstrations
+}
+
+/// With a start frame that is fixed to the goal frame for skills that have no other.
+fn with_start_frame(skill: &Skill, mut demonstrations: Vec<Demonstration>) -> Vec<Demonstration> {
+    if skill.start_frame == skill.goal_frame {
+        let start = mean_start(&demonstrations);
+        for demonstration in &mut demonstrations {
+            demonstration.start = demonstration.goal_frame.compose(&start);
+        }
+    }
+    demonstrations
+}
