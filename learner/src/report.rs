@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use nalgebra::DMatrix;
 use tprmp_model::skill_model::{
-    Canonical, Certificate, FieldModel, Fit, FrameMixture, Gaussian, PolicyModel, Pose, ProgramFit,
-    SkillModel, ThesisModel,
+    Canonical, Certificate, DemonstrationRollout, FieldModel, Fit, FrameMixture, Gaussian,
+    PolicyModel, Pose, ProgramFit, SkillModel, ThesisModel,
 };
 
 use crate::mixture::components::Choice;
@@ -41,6 +41,7 @@ pub fn trained(trained: &Trained) -> String {
         model.gaussians.len()
     );
     fit(&mut text, &model.fit);
+    agreement(&mut text, model);
     certificate(&mut text, &model.certificate);
     let times: Vec<_> = trained
         .times
@@ -97,6 +98,7 @@ pub fn inspected(model: &SkillModel) -> String {
     frames(&mut text, &model.frames);
     text.push('\n');
     fit(&mut text, &model.fit);
+    agreement(&mut text, model);
     certificate(&mut text, &model.certificate);
     text.push('\n');
     let provenance = &model.provenance;
@@ -227,19 +229,92 @@ fn fit(text: &mut String, fit: &Fit) {
     for program in &fit.programs {
         program_fit(text, program);
     }
-    text.push_str("\nfollowed from the start of      goal error [mm]    [°]   tracking rms [mm]    [°]   path rms [mm]\n");
+    text.push_str(
+        "\nfrom the start of                  ends beside by     beside its path     in time   left out          takes\n\
+         \x20                                    [mm]    [°]     [mm]    [°] rms    [mm] rms   [mm]    [°] rms    [s]    demonstrated [s]\n",
+    );
     for row in &fit.demonstrations {
         say!(
             text,
-            "{:<32} {:>14.5} {:>6.4} {:>19.2} {:>6.3} {:>15.2}",
+            "{:<32} {:>8.2} {:>6.2}  {:>7.2} {:>6.2} {:>13.2} {:>8.2} {:>6.2} {:>10.2} {:>10.2}",
             row.name,
-            row.goal_error_m * 1e3,
-            row.goal_error_rad.to_degrees(),
+            row.end_error_m * 1e3,
+            row.end_error_rad.to_degrees(),
+            row.path_rms_m * 1e3,
+            row.path_rms_rad.to_degrees(),
             row.tracking_rms_m * 1e3,
-            row.tracking_rms_rad.to_degrees(),
-            row.path_rms_m * 1e3
+            row.predicted_rms_m * 1e3,
+            row.predicted_rms_rad.to_degrees(),
+            row.execution_s,
+            row.duration_s
         );
     }
+    judgement(text, fit);
+}
+
+/// What the figures mean, in one line.
+fn judgement(text: &mut String, fit: &Fit) {
+    if fit.demonstrations.is_empty() {
+        return;
+    }
+    let median = |of: fn(&DemonstrationRollout) -> f64| {
+        let mut all: Vec<f64> = fit.demonstrations.iter().map(of).collect();
+        all.sort_by(f64::total_cmp);
+        0.5 * (all[(all.len() - 1) / 2] + all[all.len() / 2])
+    };
+    let most = |of: fn(&DemonstrationRollout) -> f64| {
+        fit.demonstrations.iter().map(of).fold(0.0, f64::max)
+    };
+    let angle = |radians: f64| {
+        if radians > 0.0 { format!(" and {:.1}°", radians.to_degrees()) } else { String::new() }
+    };
+    line!(
+        text,
+        "judged",
+        "follows the demonstrations to {:.1} mm{} (rms, median); ends within {:.1} mm{} of where they end; one \
+         that is left out is predicted to {:.1} mm{}; takes {:.1} s, demonstrated in {:.1} s",
+        1e3 * median(|row| row.path_rms_m),
+        angle(median(|row| row.path_rms_rad)),
+        1e3 * most(|row| row.end_error_m),
+        angle(most(|row| row.end_error_rad)),
+        1e3 * median(|row| row.predicted_rms_m),
+        angle(median(|row| row.predicted_rms_rad)),
+        median(|row| row.execution_s),
+        median(|row| row.duration_s)
+    );
+}
+
+/// Which frame speaks when: how far the demonstrations lie apart, seen from each.
+fn agreement(text: &mut String, model: &SkillModel) {
+    let Some(first) = model.frames.first().filter(|frame| !frame.agreement.is_empty()) else {
+        return;
+    };
+    const COLUMNS: usize = 5;
+    let steps = first.agreement.len();
+    let places: Vec<usize> = (0..COLUMNS).map(|i| i * (steps - 1) / (COLUMNS - 1)).collect();
+    let percent = |step: &usize| format!("{:>7.0} %", 100.0 * *step as f64 / (steps - 1) as f64);
+    let head: String = places.iter().map(percent).collect();
+    say!(text, "\ndemonstrations apart [mm, rms] after{head} of the time");
+    let row = |text: &mut String, name: &str, all: &[[f64; 2]], note: &str| {
+        let values: String = places.iter().map(|i| format!("{:>9.1}", 1e3 * all[*i][0])).collect();
+        say!(text, "{name:<35}{values}  {note}");
+    };
+    let canonical = &model.canonical;
+    for frame in &model.frames {
+        let waypoint = canonical.waypoints.iter().find(|waypoint| waypoint.frame == frame.name);
+        let note = match (frame.agreement_fraction, waypoint) {
+            (Some(fraction), Some(waypoint)) => {
+                format!("acts at phase {:.2} (fraction {fraction:.2})", waypoint.phase)
+            }
+            (Some(fraction), None) => format!("left out (fraction {fraction:.2})"),
+            (None, _) if frame.name == model.goal_frame => {
+                format!("rules from phase {:.2}", canonical.goal_phase)
+            }
+            (None, _) => format!("rules to phase {:.2}", canonical.start_phase),
+        };
+        row(text, &format!("  seen from `{}`", frame.name), &frame.agreement, &note);
+    }
+    row(text, "  in the map of all frames", &model.fit.agreement, "");
 }
 
 fn program_fit(text: &mut String, fit: &ProgramFit) {

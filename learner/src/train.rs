@@ -11,10 +11,11 @@ use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
 
 use crate::alignment::rest::DemonstrationError;
 use crate::alignment::{Aligned, Alignment, align};
+use crate::canonical::agreement::{Agreement, two_ways};
 use crate::canonical::{CanonicalSet, canonicalise};
 use crate::certify::Certifier;
 use crate::certify::policy::LearnedPolicy;
-use crate::demonstration::{Demonstration, plausibility, read_folder};
+use crate::demonstration::{Demonstration, consistency, plausibility, read_folder};
 use crate::file_error::FileError;
 use crate::fit::thesis::ThesisFit;
 use crate::fit::{self, FitError, Reason};
@@ -25,6 +26,13 @@ use crate::skill::{FitSettings, Skill};
 
 /// A demonstration is warned of when it is left by more than this fraction of the skill's span.
 const PATH_FRACTION_MAX: f64 = 0.05;
+
+/// … or by more than this angle \[rad\].
+const PATH_MAX_RAD: f64 = 0.1;
+/// An execution that lasts another fraction of the demonstration is warned of.
+const PACE_RANGE: [f64; 2] = [0.5, 2.0];
+/// Smoothing over more than this fraction of a motion leaves little of it.
+const WINDOW_FRACTION_MAX: f64 = 0.5;
 
 /// With more demonstrations none is left out to see whether it causes a failure.
 const DIAGNOSED_MAX: usize = 32;
@@ -199,7 +207,7 @@ pub fn learn(
     let uncertified = model.clone();
     let policy = LearnedPolicy::new(&uncertified)?;
     let certifier = Certifier::new(skill, demonstrations, set, &policy);
-    model.fit.demonstrations = certifier.follow_demonstrations();
+    model.fit.demonstrations = certifier.follow_demonstrations(recorded, alignments);
     clock.done(Step::DemonstratedStarts);
     let programs = &model.fit.programs;
     let faults: f64 = programs.iter().filter_map(|p| p.figure(Figure::ValleyFaults)).sum();
@@ -209,10 +217,15 @@ pub fn learn(
         certifier.certify(&model.fit.demonstrations, faults as u32, seed, &mut progress);
     clock.done(Step::Certificate);
 
-    let mut warnings = plausibility::warnings(recorded);
-    warnings.extend(uninformative_frames(skill, demonstrations));
     let span_m = skill.scale.span / set.scales[0];
-    warnings.extend(fit_warnings(&model.fit.programs, &model.fit.demonstrations, span_m));
+    let mut warnings = plausibility::warnings(recorded);
+    warnings.extend(consistency::warnings(skill, recorded));
+    warnings.extend(alignment_warnings(skill, alignments, recorded));
+    warnings.extend(uninformative_frames(skill, demonstrations));
+    warnings.extend(left_out_frames(skill, demonstrations, set));
+    warnings.extend(fitted.agreement.warnings(skill, demonstrations));
+    warnings.extend(two_ways(demonstrations, set, span_m));
+    warnings.extend(fit_warnings(&model.fit, span_m));
     let samples = demonstrations.iter().map(|d| d.poses.len()).sum();
     Ok(Trained {
         model,
@@ -228,6 +241,7 @@ pub fn learn(
 /// What the steps in between give.
 struct FittedPolicy {
     set: CanonicalSet,
+    agreement: Agreement,
     mixture: TpGmm,
     frames: Vec<FrameMixture>,
     policy: PolicyModel,
@@ -243,11 +257,16 @@ impl FittedPolicy {
         done: &mut dyn FnMut(Step),
     ) -> Result<Self, TrainError> {
         let set = canonicalise(skill, demonstrations)?;
+        let agreement = Agreement::new(skill, demonstrations, &set);
         done(Step::CanonicalCoordinates);
         let samples = Samples::new(skill, demonstrations, &set);
         let mixture = samples.learn(skill, skill.mixture.components, seed)?;
         done(Step::Mixture);
-        let frames = mixture.stored_frames(skill, set.scales);
+        let mut frames = mixture.stored_frames(skill, set.scales);
+        for (p, frame) in frames.iter_mut().enumerate() {
+            frame.agreement = agreement.frames[p].clone();
+            frame.agreement_fraction = set.fractions.get(p).copied().flatten();
+        }
         let (policy, programs) = match &skill.fit {
             FitSettings::Canonical(settings) => {
                 fit::canonical::fit(skill, settings, &mixture, &set, seed)
@@ -258,7 +277,7 @@ impl FittedPolicy {
             }
         };
         done(Step::Fit);
-        Ok(Self { set, mixture, frames, policy, programs })
+        Ok(Self { set, agreement, mixture, frames, policy, programs })
     }
 
     /// The model without its certificate.
@@ -279,6 +298,9 @@ impl FittedPolicy {
                 em_iterations: mixture.log_likelihoods.len() as u32,
                 em_log_likelihood: mixture.log_likelihoods[mixture.log_likelihoods.len() - 1],
                 programs: self.programs.clone(),
+                duration_s: (demonstrations[0].poses.len() - 1) as f64
+                    * demonstrations[0].sampling_time_s,
+                agreement: self.agreement.map.clone(),
                 demonstrations: Vec::new(),
             },
             certificate: Certificate::none(),
@@ -338,25 +360,118 @@ fn diagnosed<T>(
     fitted
 }
 
-fn fit_warnings(
-    programs: &[ProgramFit],
-    demonstrations: &[DemonstrationRollout],
-    span_m: f64,
+/// What the alignment found that people should know.
+fn alignment_warnings(
+    skill: &Skill,
+    alignments: &[Alignment],
+    recorded: &[Demonstration],
 ) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let named = || alignments.iter().zip(recorded).map(|(a, d)| (a, d.name.as_str()));
+    if let Some((paused, name)) = named().max_by(|a, b| a.0.pauses_s.total_cmp(&b.0.pauses_s))
+        && paused.pauses_s > 0.0
+    {
+        let others = alignments.iter().filter(|a| a.pauses_s > 0.0).count() - 1;
+        let others = if others > 0 { format!(" (and {others} others)") } else { String::new() };
+        warnings.push(format!(
+            "`{name}`{others} pauses for {:.1} s where others do not: it is left out",
+            paused.pauses_s
+        ));
+    }
+    if let Some((shortest, name)) = named().min_by(|a, b| a.0.duration_s.total_cmp(&b.0.duration_s))
+        && skill.smoothing.window_s > WINDOW_FRACTION_MAX * shortest.duration_s
+    {
+        warnings.push(format!(
+            "key `smoothing.window_s` is {} s, and `{name}` moves for {:.2} s only: its path is smoothed away",
+            skill.smoothing.window_s, shortest.duration_s
+        ));
+    }
+    warnings
+}
+
+/// Frames that the skill file names and the path does not pass.
+fn left_out_frames(
+    skill: &Skill,
+    demonstrations: &[Demonstration],
+    set: &CanonicalSet,
+) -> Vec<String> {
+    if !matches!(skill.fit, FitSettings::Canonical(_)) {
+        return Vec::new();
+    }
+    let acts = |index: usize| set.map.anchors().iter().any(|anchor| anchor.index == index);
+    let named = skill.named_frames(&demonstrations[0]).enumerate();
+    named
+        .filter(|(index, _)| !acts(*index))
+        .map(|(index, (name, _))| {
+            let most = skill.frame_map.agreement_fraction_max;
+            let why = match set.fractions.get(index).copied().flatten() {
+                Some(fraction) if fraction <= most => {
+                    "another frame acts at the same time".to_owned()
+                }
+                Some(fraction) => format!(
+                    "seen from it the demonstrations lie at best {fraction:.2} as far apart as seen from start \
+                     or goal frame, and `frame_map.agreement_fraction_max` is {most}"
+                ),
+                None => "it acts at no phase between start and goal".to_owned(),
+            };
+            format!("the frame `{name}` is left out of the path: {why}")
+        })
+        .collect()
+}
+
+fn fit_warnings(fit: &Fit, span_m: f64) -> Vec<String> {
+    let Fit { programs, demonstrations, .. } = fit;
     let reduced = programs.iter().filter(|program| program.status != ProgramStatus::Solved);
     let reduced = reduced.map(|program| {
         format!("the {} was solved to a reduced accuracy only ({})", program.name, program.status)
     });
-    let left = demonstrations.iter().filter(|row| row.path_rms_m > PATH_FRACTION_MAX * span_m);
-    let left = left.map(|row| {
-        format!(
-            "`{}` is left by {:.1} mm (rms) where {span_m:.2} m are spanned: does it \
-             contradict the others?",
-            row.name,
-            row.path_rms_m * 1e3
-        )
-    });
-    reduced.chain(left).collect()
+    let mut warnings: Vec<String> = reduced.collect();
+    warnings.extend(left(
+        demonstrations,
+        |row| row.path_rms_m,
+        PATH_FRACTION_MAX * span_m,
+        |most| {
+            format!(
+                "{:.1} mm (rms) where {span_m:.2} m are spanned: does it contradict the others?",
+                1e3 * most
+            )
+        },
+    ));
+    warnings.extend(left(
+        demonstrations,
+        |row| row.path_rms_rad,
+        PATH_MAX_RAD,
+        |most| {
+            format!("{:.1}° (rms): do its orientations contradict the others'?", most.to_degrees())
+        },
+    ));
+    let pace = |row: &&DemonstrationRollout| {
+        let ratio = row.execution_s / row.duration_s;
+        !(PACE_RANGE[0]..=PACE_RANGE[1]).contains(&ratio)
+    };
+    if let Some(row) = demonstrations.iter().find(pace) {
+        warnings.push(format!(
+            "the motion of `{}` took {:.1} s, and is executed in {:.1} s",
+            row.name, row.duration_s, row.execution_s
+        ));
+    }
+    warnings
+}
+
+/// The demonstration that is left farthest, and how many others are left too.
+fn left(
+    demonstrations: &[DemonstrationRollout],
+    by: fn(&DemonstrationRollout) -> f64,
+    most: f64,
+    text: impl Fn(f64) -> String,
+) -> Option<String> {
+    let far = demonstrations.iter().filter(|row| by(row) > most);
+    let worst = far.clone().max_by(|a, b| by(a).total_cmp(&by(b)))?;
+    let others = match far.count() {
+        1 => String::new(),
+        count => format!(" (and {} others)", count - 1),
+    };
+    Some(format!("`{}`{others} is left by {}", worst.name, text(by(worst))))
 }
 
 #[cfg(test)]

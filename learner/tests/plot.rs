@@ -90,7 +90,11 @@ const FIELDS: [&str; 6] = [
 #[test]
 fn pictures_of_a_planar_skill() {
     let pictures = drawn("plane", Manifold::R2, &skill_of(Manifold::R2));
-    assert_eq!(pictures.len(), 13);
+    assert_eq!(pictures.len(), 15);
+    // Three demonstrations and the common pace; two frames and their map.
+    assert!(
+        pictures["alignment.svg"]["polyline"] >= 4 && pictures["agreement.svg"]["polyline"] >= 3
+    );
     // Three paths; the two axes of two frames of each.
     assert_eq!(pictures["demonstrations.svg"]["polyline"], 3 + 12);
     for name in ["gaussians.svg", "seen-from-frame-1.svg", "seen-from-frame-2.svg"] {
@@ -110,7 +114,7 @@ fn pictures_of_a_planar_skill() {
 #[test]
 fn pictures_of_a_planar_product() {
     let pictures = drawn("product", Manifold::R2, &skill_text("planar_thesis.ron"));
-    assert_eq!(pictures.len(), 14);
+    assert_eq!(pictures.len(), 16);
     // The sum at the point, two forces of the nearest components, and where they weigh most.
     let forces = &pictures["forces.svg"];
     assert_eq!((forces["ellipse"], forces[".goal"]), (5, 2));
@@ -120,7 +124,7 @@ fn pictures_of_a_planar_product() {
 #[test]
 fn pictures_of_poses() {
     let pictures = drawn("poses", Manifold::R3S3, &skill_of(Manifold::R3S3));
-    assert_eq!(pictures.len(), 14);
+    assert_eq!(pictures.len(), 16);
     // Four views; the isometric one has nine edges of its box.
     assert_eq!(pictures["demonstrations.svg"]["polyline"], 4 * (3 + 18) + 9);
     assert_eq!(pictures["gaussians.svg"]["ellipse"], 4 * 5);
@@ -134,14 +138,14 @@ fn pictures_of_poses() {
 #[test]
 fn pictures_of_positions_in_space() {
     let pictures = drawn("space", Manifold::R3, &skill_of(Manifold::R3));
-    assert_eq!(pictures.len(), 13);
+    assert_eq!(pictures.len(), 15);
     assert!(!pictures.contains_key("orientation.svg"));
 }
 
 #[test]
 fn pictures_of_products_of_gaussians() {
     let pictures = drawn("products", Manifold::R2, &skill_text("planar_thesis.ron"));
-    assert_eq!(pictures.len(), 14);
+    assert_eq!(pictures.len(), 16);
     for name in FIELDS {
         assert_eq!((pictures[name]["ellipse"], pictures[name][".goal"]), (5, 2), "{name}");
     }
@@ -154,7 +158,7 @@ fn pictures_of_a_skill_with_one_frame_and_one_beside_it() {
         .replace("other_frames: []", "other_frames: [\"start\"]");
     let pictures = drawn("single", Manifold::R2, &text);
     // There is no start frame to move.
-    assert_eq!(pictures.len(), 11);
+    assert_eq!(pictures.len(), 13);
     assert_eq!(pictures["demonstrations.svg"]["polyline"], 3 + 12);
     assert_eq!(pictures["potential.svg"][".goal"], 2);
 }

@@ -94,6 +94,8 @@ impl Oracle {
     /// The field with the frames of a demonstration.
     fn field(&self, demonstration: &Demonstration, potentials: &[f64]) -> GaussianField<2> {
         let mixture = |(p, frame): (usize, &Mixture)| FrameMixture {
+            agreement: Vec::new(),
+            agreement_fraction: None,
             name: format!("frame {p}"),
             gaussians: std::iter::zip(&frame.means, &frame.covariances)
                 .map(|(mean, covariance)| FrameGaussian {

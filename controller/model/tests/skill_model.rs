@@ -64,6 +64,8 @@ fn model() -> SkillModel {
     };
     let frame = |name: &str| FrameMixture {
         name: name.into(),
+        agreement: vec![[0.01, 0.1], [0.02, 0.2]],
+        agreement_fraction: (name == "way").then_some(0.3),
         gaussians: vec![FrameGaussian {
             position_m: vec![0.5, 0.0],
             quaternion_wxyz: None,
@@ -76,6 +78,7 @@ fn model() -> SkillModel {
         goal_error_max_m: 1e-4,
         goal_error_max_rad: 0.0,
         energy_rise_max,
+        on_their_way: 0,
     };
     SkillModel {
         skill: "line".into(),
@@ -129,6 +132,8 @@ fn model() -> SkillModel {
                 }],
                 figures: vec![(Figure::Hinge, 0.1)],
             }],
+            duration_s: 2.0,
+            agreement: vec![[0.01, 0.1], [0.02, 0.2]],
             demonstrations: vec![DemonstrationRollout {
                 name: "line_01.json".into(),
                 goal_error_m: 1e-9,
@@ -136,6 +141,14 @@ fn model() -> SkillModel {
                 tracking_rms_m: 0.001,
                 tracking_rms_rad: 0.0,
                 path_rms_m: 0.0005,
+                path_rms_rad: 0.01,
+                end_error_m: 0.002,
+                end_error_rad: 0.02,
+                predicted_rms_m: 0.003,
+                predicted_rms_rad: 0.03,
+                execution_s: 2.5,
+                duration_s: 2.0,
+                recorded_s: vec![0.1, 1.2, 2.1],
             }],
         },
         certificate: Certificate {

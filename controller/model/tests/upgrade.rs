@@ -63,7 +63,7 @@ fn a_file_of_the_last_version_has_this_version_s_names() {
     let old = std::fs::read_to_string(old_file()).unwrap();
     let model = read(&old_file()).unwrap();
     let new = to_text(&model);
-    assert!(old.contains("tprmp-model/5") && new.contains("tprmp-model/6"));
+    assert!(old.contains("tprmp-model/5") && new.contains("tprmp-model/7"));
     for (old_key, new_key) in RENAMED_KEYS {
         for (before, after) in ["\n      {}:", "\n        {}:", ".{}\""]
             .map(|pattern| (pattern.replace("{}", old_key), pattern.replace("{}", new_key)))
@@ -119,7 +119,13 @@ fn a_damaged_file_of_the_last_version_is_refused() {
 #[test]
 fn older_files_are_refused_with_what_is_read_and_what_helps() {
     let message = read_changed("older", "tprmp-model/5", "tprmp-model/4").unwrap_err().to_string();
-    for part in ["tprmp-model/6", "tprmp-model/5", "found `tprmp-model/4`", "train it again"] {
+    for part in [
+        "tprmp-model/7",
+        "tprmp-model/6",
+        "tprmp-model/5",
+        "found `tprmp-model/4`",
+        "train it again",
+    ] {
         assert!(message.contains(part), "{message}");
     }
 }

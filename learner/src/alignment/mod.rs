@@ -61,6 +61,31 @@ pub struct Alignment {
     pub duration_s: f64,
 }
 
+/// Steps of the table of an alignment.
+const TABLE_STEPS: usize = 50;
+
+impl Alignment {
+    /// The samples of the recording that move, pauses included.
+    #[must_use]
+    pub fn moving(&self) -> std::ops::Range<usize> {
+        let last = self.samples[self.samples.len() - 1];
+        self.samples[0].round() as usize..last.round() as usize + 1
+    }
+
+    /// Times in the recording at equal steps of the common time \[s\].
+    #[must_use]
+    pub fn table_s(&self) -> Vec<f64> {
+        let last = (self.samples.len() - 1) as f64;
+        let time = |step: usize| {
+            let place = step as f64 / TABLE_STEPS as f64 * last;
+            let i = (place as usize).min(self.samples.len() - 2);
+            let (a, b) = (self.samples[i], self.samples[i + 1]);
+            (a + (place - i as f64) * (b - a)) * self.sampling_time_s
+        };
+        (0..=TABLE_STEPS).map(time).collect()
+    }
+}
+
 /// Cuts rests, and brings the demonstrations to a common time, as the skill's `alignment` says. What the
 /// fit smooths before anything else is smoothed first; the start frame of a skill that has no other is
 /// fixed to its goal frame.

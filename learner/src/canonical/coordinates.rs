@@ -27,6 +27,9 @@ pub const ANGLE_MAX_RAD: f64 = 0.95 * std::f64::consts::PI;
 pub struct CanonicalSet {
     /// The map of the frames.
     pub map: FrameMap,
+    /// For each further frame, how far the demonstrations lie apart seen from it, at best, as a fraction of
+    /// what start and goal frame see.
+    pub fractions: Vec<Option<f64>>,
     /// The start frame in canonical coordinates.
     pub start: Pose,
     /// s in ŷ = s y, of the positions [1/m] and of the rotations [1/rad].
@@ -84,7 +87,7 @@ pub fn canonicalise(
     let durations = demonstrations.iter().map(|d| (d.poses.len() - 1) as f64 * d.sampling_time_s);
     let mean_duration_s = durations.sum::<f64>() / demonstrations.len() as f64;
     let profile = PhaseProfile::of(&skill.fit, mean_duration_s);
-    let map = frame_map::choose(skill, &mean, &moving, &profile).map_err(|error| {
+    let (map, fractions) = frame_map::choose(skill, &mean, &moving, &profile).map_err(|error| {
         DemonstrationError { name: demonstrations[0].name.clone(), problem: format!("{error:?}") }
     })?;
     let mut all = Vec::with_capacity(demonstrations.len());
@@ -99,7 +102,7 @@ pub fn canonicalise(
         span(all.iter().map(|d| &d.position), mean.goal_frame.orientation),
         span(all.iter().map(|d| &d.rotation), DQuat::IDENTITY),
     );
-    Ok(CanonicalSet { map, start: mean.start, scales, demonstrations: all })
+    Ok(CanonicalSet { map, fractions, start: mean.start, scales, demonstrations: all })
 }
 
 /// A demonstration through the map of its frames, smoothed, and from rest where the policy starts so.

@@ -50,6 +50,9 @@ impl Moving<'_> {
 /// path, unless the demonstrations show otherwise. What they show beyond it is a
 /// [regression](crate::canonical::adaptation) on the goal's shift.
 ///
+/// For each frame of the skill it also gives the figure by which it was decided whether the path passes it,
+/// which start and goal frame do not have.
+///
 /// # Errors
 /// [`FrameMapError`]: the frames do not span a map.
 pub(crate) fn choose(
@@ -57,7 +60,7 @@ pub(crate) fn choose(
     mean: &MeanFrames,
     moving: &[Moving],
     profile: &PhaseProfile,
-) -> Result<FrameMap, FrameMapError> {
+) -> Result<(FrameMap, Vec<Option<f64>>), FrameMapError> {
     // Along axes that rotate with the demonstrations.
     let axes = mean.goal_frame.orientation.conjugate();
     let positions = moving.iter().flat_map(|m| m.poses).map(|pose| axes * pose.position);
@@ -66,11 +69,11 @@ pub(crate) fn choose(
         scales[1] = 0.0;
     }
     let chooser = Chooser { skill, settings: &skill.frame_map, mean, moving, profile, scales };
-    let anchors = chooser.anchors();
+    let (anchors, fractions) = chooser.anchors();
     let (rotating, upright) = (chooser.best(&anchors, true)?, chooser.best(&anchors, false)?);
     // Frames that rotate and a path that does not: then positions do not follow the rotation.
     let keeps_upright = upright.1 < skill.frame_map.upright_error_fraction_max * rotating.1;
-    Ok(if keeps_upright { upright.0 } else { rotating.0 })
+    Ok((if keeps_upright { upright.0 } else { rotating.0 }, fractions))
 }
 
 struct Chooser<'a> {
@@ -90,7 +93,7 @@ impl Chooser<'_> {
     }
 
     /// The frames of the map: start, goal, and the further frames that matter in between.
-    fn anchors(&self) -> Vec<Anchor> {
+    fn anchors(&self) -> (Vec<Anchor>, Vec<Option<f64>>) {
         let mut anchors = Vec::new();
         let mut goal = 0;
         if self.skill.start_frame != self.skill.goal_frame {
@@ -101,19 +104,27 @@ impl Chooser<'_> {
         let positions = self.moving.iter().flat_map(|m| m.poses).map(|pose| pose.position);
         let floor = (self.settings.agreement_floor_fraction * diagonal(positions)).powi(2);
         let others = goal + 1..goal + 1 + self.skill.other_frames.len();
-        let mut between: Vec<Anchor> =
-            others.filter_map(|index| self.anchor_between(index, goal, floor)).collect();
+        let mut fractions = vec![None; goal + 1];
+        let mut between: Vec<Anchor> = Vec::new();
+        for index in others {
+            let found = self.anchor_between(index, goal, floor);
+            fractions.push(found.map(|(fraction, _)| fraction));
+            let acts =
+                |(fraction, _): &(f64, Anchor)| *fraction <= self.settings.agreement_fraction_max;
+            between.extend(found.filter(acts).map(|(_, anchor)| anchor));
+        }
         between.sort_by(|a, b| a.phase.total_cmp(&b.phase));
         // Of frames that matter at the same time, the first one acts.
         between.dedup_by(|later, earlier| later.phase - earlier.phase < PHASE_DISTANCE_MIN);
         anchors.extend(between);
         let (frame, point) = (self.mean.goal_frame, self.mean.goal.position);
         anchors.push(Anchor { index: goal, frame, point, phase: 1.0 });
-        anchors
+        (anchors, fractions)
     }
 
-    /// A further frame at the phase at which the demonstrations agree best in it, if they do.
-    fn anchor_between(&self, index: usize, goal: usize, floor: f64) -> Option<Anchor> {
+    /// A further frame at the phase at which the demonstrations agree best in it, and the fraction of what
+    /// start and goal frame see that they lie apart there.
+    fn anchor_between(&self, index: usize, goal: usize, floor: f64) -> Option<(f64, Anchor)> {
         // Mean square distance [m²] from the mean of what a frame sees.
         let variance = |index: usize, step: usize| {
             let seen = self
@@ -130,17 +141,14 @@ impl Chooser<'_> {
             (variance(index, step).0 / others.fold(f64::INFINITY, f64::min)).sqrt()
         };
         let phase = |step: usize| self.profile.at(self.time(step))[0];
-        if std::env::var("FD").is_ok() { for step in 0..self.settings.phases_compared { eprintln!("{step} {:.3} {:.4} box {:.5} start {:.5} goal {:.5}", phase(step), fraction(step), variance(index, step).0.sqrt(), variance(0, step).0.sqrt(), variance(goal, step).0.sqrt()); } }
         let (step, least) = (0..self.settings.phases_compared)
             .filter(|step| (PHASE_DISTANCE_MIN..=1.0 - PHASE_DISTANCE_MIN).contains(&phase(*step)))
             .map(|step| (step, fraction(step)))
             .min_by(|a, b| a.1.total_cmp(&b.1))?;
-        (least <= self.settings.agreement_fraction_max).then(|| {
-            let poses: Vec<Pose> = self.moving.iter().map(|m| m.frames[index]).collect();
-            let frame = mean_pose(&poses);
-            let point = frame.position + frame.orientation * variance(index, step).1;
-            Anchor { index, frame, point, phase: phase(step) }
-        })
+        let poses: Vec<Pose> = self.moving.iter().map(|m| m.frames[index]).collect();
+        let frame = mean_pose(&poses);
+        let point = frame.position + frame.orientation * variance(index, step).1;
+        Some((least, Anchor { index, frame, point, phase: phase(step) }))
     }
 
     /// The best map whose positions rotate with the frames or do not, and how far a demonstration lies

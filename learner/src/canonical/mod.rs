@@ -1,6 +1,7 @@
 //! Step 2, canonical coordinates: the space in which all demonstrations share their frames.
 
 pub mod adaptation;
+pub mod agreement;
 mod coordinates;
 mod frame_map;
 pub mod kaiser_smoothing;

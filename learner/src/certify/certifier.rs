@@ -6,7 +6,9 @@ use rayon::prelude::*;
 use tprmp_model::skill_model::{Certificate, DemonstrationRollout, Rollouts, blocks};
 use tprmp_spatial::Pose;
 
+use crate::alignment::Alignment;
 use crate::canonical::CanonicalSet;
+use crate::canonical::agreement::predicted;
 use crate::certify::failures::failures;
 use crate::certify::policy::{Body, LearnedPolicy};
 use crate::certify::rollout::{Outcome, RolloutSpec, Target, follow};
@@ -18,11 +20,18 @@ use crate::skill::Skill;
 /// tool moves a few millimetres in between.
 const PATH_STRIDE: usize = 5;
 
+/// A rollout may last so many times as long as the demonstrations, whatever the skill file says.
+const DURATIONS: f64 = 3.0;
+/// A rollout has arrived once it stays this near to its end \[ŷ\]: a hundredth of the skill's span.
+const SETTLED: f64 = 0.0275;
+
 /// Certifies a policy learned from demonstrations.
 pub struct Certifier<'a> {
     skill: &'a Skill,
     policy: &'a LearnedPolicy,
     starts: Starts<'a>,
+    /// Longest rollout \[s\]: no shorter than the skill needs.
+    horizon_s: f64,
 }
 
 impl<'a> Certifier<'a> {
@@ -34,52 +43,69 @@ impl<'a> Certifier<'a> {
         set: &'a CanonicalSet,
         policy: &'a LearnedPolicy,
     ) -> Self {
-        Self { skill, policy, starts: Starts { skill, demonstrations, set } }
+        let first = &demonstrations[0];
+        let duration_s = (first.poses.len() - 1) as f64 * first.sampling_time_s;
+        let horizon_s = skill.certification.horizon_s.max(DURATIONS * duration_s);
+        Self { skill, policy, starts: Starts { skill, demonstrations, set }, horizon_s }
     }
 
-    /// Follows the policy from every demonstration's start, from rest, with its frames.
+    /// Follows the policy from every demonstration's start, from rest, with its frames. What the demonstrations
+    /// show is measured against the recordings, what the common time says against the aligned ones.
     #[must_use]
-    pub fn follow_demonstrations(&self) -> Vec<DemonstrationRollout> {
-        self.starts.demonstrations.par_iter().map(|one| self.follow(one)).collect()
+    pub fn follow_demonstrations(
+        &self,
+        recorded: &[Demonstration],
+        alignments: &[Alignment],
+    ) -> Vec<DemonstrationRollout> {
+        let predicted = predicted(self.skill, self.starts.demonstrations, self.starts.set);
+        let all = self.starts.demonstrations.par_iter().zip(recorded).zip(alignments);
+        let rows =
+            all.map(|((aligned, recorded), alignment)| self.follow(aligned, recorded, alignment));
+        let mut rows: Vec<DemonstrationRollout> = rows.collect();
+        for (row, [metres, radians]) in rows.iter_mut().zip(predicted) {
+            (row.predicted_rms_m, row.predicted_rms_rad) = (metres, radians);
+        }
+        rows
     }
 
-    fn follow(&self, demonstration: &Demonstration) -> DemonstrationRollout {
+    fn follow(
+        &self,
+        aligned: &Demonstration,
+        recorded: &Demonstration,
+        alignment: &Alignment,
+    ) -> DemonstrationRollout {
         let settings = &self.skill.certification;
         let step_s = settings.demonstration_step_s;
-        let demonstrated = &demonstration.poses;
-        let duration_s = (demonstrated.len() - 1) as f64 * demonstration.sampling_time_s;
-        let steps = (settings.horizon_s.max(duration_s) / step_s).ceil() as usize + 1;
-        let target = Target { goal: self.starts.goal(&demonstration.goal_frame), arrived: None };
-        let spec = self.spec(demonstrated[0], step_s, steps);
-        let frames = at_rest(&self.skill.frames(demonstration));
+        let duration_s = (aligned.poses.len() - 1) as f64 * aligned.sampling_time_s;
+        let steps = (self.horizon_s.max(duration_s) / step_s).ceil() as usize + 1;
+        let target = Target { goal: self.starts.goal(&aligned.goal_frame), arrived: None };
+        let spec = self.spec(aligned.poses[0], step_s, steps);
+        let frames = at_rest(&self.skill.frames(aligned));
         let mut path = Vec::with_capacity(steps + 1);
         let mut policy = self.policy.instance();
         let outcome = follow(&mut policy, &frames, &target, &spec, |pose| path.push(*pose));
-        let at = |time_s: f64| {
-            let step = time_s / step_s;
-            let (i, fraction) = (step.floor() as usize, step.fract());
-            let last = path.len() - 1;
-            let (a, b) = (path[i.min(last)], path[(i + 1).min(last)]);
-            a.interpolate(&b, fraction)
-        };
-        let (mut square_m2, mut square_rad2, mut square_path_m2) = (0.0, 0.0, 0.0);
-        for (i, pose) in demonstrated.iter().enumerate() {
-            let here = at(i as f64 * demonstration.sampling_time_s);
-            square_m2 += (here.position - pose.position).length_squared();
-            square_rad2 += here.rotation_from(pose).length_squared();
-            let some = path.iter().step_by(PATH_STRIDE);
-            let squares = some.map(|on_path| (on_path.position - pose.position).length_squared());
-            square_path_m2 += squares.fold(f64::INFINITY, f64::min);
-        }
-        let count = demonstrated.len() as f64;
+        let scales = self.starts.set.scales;
+        let (tracking, along) = (
+            in_time(aligned, &path, step_s),
+            beside(&recorded.poses[alignment.moving()], &path, scales),
+        );
         let rotates = if self.skill.manifold.has_orientation() { 1.0 } else { 0.0 };
+        let (end, demonstrated) = (path[path.len() - 1], aligned.poses[aligned.poses.len() - 1]);
         DemonstrationRollout {
-            name: demonstration.name.clone(),
+            name: aligned.name.clone(),
             goal_error_m: outcome.goal_error_m,
             goal_error_rad: outcome.goal_error_rad,
-            tracking_rms_m: (square_m2 / count).sqrt(),
-            path_rms_m: (square_path_m2 / count).sqrt(),
-            tracking_rms_rad: (square_rad2 / count).sqrt() * rotates,
+            tracking_rms_m: tracking[0],
+            tracking_rms_rad: tracking[1] * rotates,
+            path_rms_m: along[0],
+            path_rms_rad: along[1] * rotates,
+            end_error_m: (end.position - demonstrated.position).length(),
+            end_error_rad: end.rotation_from(&demonstrated).length() * rotates,
+            predicted_rms_m: 0.0,
+            predicted_rms_rad: 0.0,
+            execution_s: settled(&path, scales) as f64 * step_s,
+            duration_s: alignment.duration_s,
+            recorded_s: alignment.table_s(),
         }
     }
 
@@ -125,7 +151,7 @@ impl<'a> Certifier<'a> {
         let one = |start: &Start| -> Outcome {
             let arrived = Some(tolerance.map(|t| t * settings.arrival_fraction));
             let target = Target { goal: start.goal, arrived };
-            let steps = (settings.horizon_s / settings.step_s).ceil() as usize;
+            let steps = (self.horizon_s / settings.step_s).ceil() as usize;
             let spec = self.spec(start.pose, settings.step_s, steps);
             follow(&mut self.policy.instance(), &start.frames, &target, &spec, |_| {})
         };
@@ -140,15 +166,68 @@ impl<'a> Certifier<'a> {
             values.map(|x| if x.is_nan() { f64::INFINITY } else { x }).fold(0.0, f64::max)
         };
         let energy_at_start = most(|o| o.energy_at_start).max(f64::MIN_POSITIVE);
-        let reached = outcomes
-            .iter()
-            .filter(|o| o.goal_error_m <= tolerance[0] && o.goal_error_rad <= tolerance[1]);
+        let is_there =
+            |o: &&Outcome| o.goal_error_m <= tolerance[0] && o.goal_error_rad <= tolerance[1];
+        let reached = outcomes.iter().filter(is_there);
+        let moves = |o: &&Outcome| o.speed_m_s > tolerance[0] && !is_there(o);
         Rollouts {
             starts: starts.len() as u32,
             reached: reached.count() as u32,
             goal_error_max_m: most(|o| o.goal_error_m),
             goal_error_max_rad: most(|o| o.goal_error_rad),
             energy_rise_max: most(|o| o.energy_rise_max) / energy_at_start,
+            on_their_way: outcomes.iter().filter(moves).count() as u32,
         }
     }
+}
+
+/// Root of the mean square distance and angle of a path to a demonstration at the same times [m, rad].
+fn in_time(demonstration: &Demonstration, path: &[Pose], step_s: f64) -> [f64; 2] {
+    let last = path.len() - 1;
+    let (mut metres, mut radians) = (0.0, 0.0);
+    for (i, pose) in demonstration.poses.iter().enumerate() {
+        let step = i as f64 * demonstration.sampling_time_s / step_s;
+        let (k, fraction) = (step.floor() as usize, step.fract());
+        let here = path[k.min(last)].interpolate(&path[(k + 1).min(last)], fraction);
+        metres += (here.position - pose.position).length_squared();
+        radians += here.rotation_from(pose).length_squared();
+    }
+    let count = demonstration.poses.len() as f64;
+    [(metres / count).sqrt(), (radians / count).sqrt()]
+}
+
+/// Root of the mean square distance of poses to a path, whatever the time; and of the angle, where position
+/// and angle together are nearest [m, rad].
+fn beside(poses: &[Pose], path: &[Pose], scales: [f64; 2]) -> [f64; 2] {
+    let path: Vec<&Pose> = path.iter().step_by(PATH_STRIDE).collect();
+    let (mut metres, mut radians) = (0.0, 0.0);
+    for pose in poses {
+        let (mut nearest, mut joint, mut angle) = (f64::INFINITY, f64::INFINITY, 0.0);
+        for on_path in &path {
+            let apart = (on_path.position - pose.position).length_squared();
+            nearest = nearest.min(apart);
+            let apart = apart * scales[0] * scales[0];
+            if apart < joint {
+                let turned = on_path.rotation_from(pose).length_squared();
+                let both = apart + turned * scales[1] * scales[1];
+                if both < joint {
+                    (joint, angle) = (both, turned);
+                }
+            }
+        }
+        metres += nearest;
+        radians += angle;
+    }
+    let count = poses.len() as f64;
+    [(metres / count).sqrt(), (radians / count).sqrt()]
+}
+
+/// The step from which a path stays near its end.
+fn settled(path: &[Pose], scales: [f64; 2]) -> usize {
+    let end = path[path.len() - 1];
+    let far = |pose: &Pose| {
+        let metres = (pose.position - end.position).length() * scales[0];
+        metres.hypot(pose.rotation_from(&end).length() * scales[1]) > SETTLED
+    };
+    path.iter().rposition(far).map_or(0, |i| i + 1)
 }

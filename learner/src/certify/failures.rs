@@ -71,8 +71,14 @@ fn rollout_failures(
     failures: &mut Vec<String>,
 ) {
     if rollouts.reached < rollouts.starts {
+        let moving = match rollouts.on_their_way {
+            0 => String::new(),
+            count => format!(
+                " ({count} of them were still on their way: `certification.horizon_s` may be too short)"
+            ),
+        };
         failures.push(format!(
-            "{} of {} random starts {of} do not reach the goal: the worst ends {} and {:.1}° away",
+            "{} of {} random starts {of} do not reach the goal{moving}: the worst ends {} and {:.1}° away",
             rollouts.starts - rollouts.reached,
             rollouts.starts,
             length(rollouts.goal_error_max_m, 1),

@@ -123,6 +123,8 @@ pub struct Outcome {
     pub goal_error_m: f64,
     /// Final angle to the goal \[rad\]; zero when orientation is free.
     pub goal_error_rad: f64,
+    /// Speed at the end [m/s].
+    pub speed_m_s: f64,
     /// V at the start above that at the goal.
     pub energy_at_start: f64,
     /// Largest rise of V in a step.
@@ -150,6 +152,7 @@ impl<P: ?Sized, F: FnMut(&Pose)> Environment<P> for Still<'_, F> {
         (self.each)(&body.pose);
         let goal = &self.target.goal;
         self.outcome.goal_error_m = (body.pose.position - goal.position).length();
+        self.outcome.speed_m_s = body.velocity.linear.length();
         if self.has_orientation {
             self.outcome.goal_error_rad = body.pose.rotation_from(goal).length();
         }
@@ -192,6 +195,7 @@ pub fn follow(
         outcome: Outcome {
             goal_error_m: f64::INFINITY,
             goal_error_rad: 0.0,
+            speed_m_s: 0.0,
             energy_at_start: f64::INFINITY,
             energy_rise_max: 0.0,
         },

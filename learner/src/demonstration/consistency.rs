@@ -23,6 +23,8 @@ const OUTLIER_RATIO: f64 = 5.0;
 const SAME_ORDER_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
 /// … and those in another one are farther away.
 const OTHER_ORDER_RAD: f64 = 30.0 * std::f64::consts::PI / 180.0;
+/// All in another order lie so many times nearer to each other in the right one.
+const REORDERED_RATIO: f64 = 5.0;
 /// Demonstrations scatter when their ends lie farther apart than this fraction of the span, rms …
 const SCATTER_FRACTION: f64 = 0.02;
 /// … or than this angle \[rad\].
@@ -102,23 +104,41 @@ fn start_angle(demonstration: &Demonstration) -> f64 {
     demonstration.poses[0].rotation_from(&demonstration.start).length()
 }
 
+/// All files alike: then nothing differs from the others, but the tool starts rotated against the start
+/// frame, or every end lies elsewhere in the goal frame.
 fn all_in_another_order(skill: &Skill, demonstrations: &[Demonstration]) -> Option<String> {
+    let reordered = |order: &Reordered| -> Vec<Demonstration> {
+        demonstrations.iter().map(|d| order.applied(d)).collect()
+    };
     let has_start = skill.start_frame != skill.goal_frame;
-    let far = |d: &Demonstration| start_angle(d) > OTHER_ORDER_RAD;
-    if !has_start || !demonstrations.iter().all(far) {
+    if has_start && demonstrations.iter().all(|d| start_angle(d) > OTHER_ORDER_RAD) {
+        let fits =
+            |order: &Reordered| reordered(order).iter().all(|d| start_angle(d) < SAME_ORDER_RAD);
+        let order = Reordered::ALL.into_iter().find(fits)?;
+        let angle = |d: &&Demonstration| start_angle(d).to_degrees();
+        let worst = demonstrations.iter().max_by(|a, b| angle(a).total_cmp(&angle(b)))?;
+        return Some(format!(
+            "in all files the tool starts rotated against `{}`, by {:.0}° in `{}`, and would not if {order} \
+             were x y z w: expected w x y z",
+            skill.start_frame,
+            angle(&worst),
+            worst.name
+        ));
+    }
+    let apart = Ends::new(skill, demonstrations).largest_deviation(demonstrations);
+    if apart < OTHER_ORDER_RAD {
         return None;
     }
     let fits = |order: &Reordered| {
-        demonstrations.iter().all(|d| start_angle(&order.applied(d)) < SAME_ORDER_RAD)
+        let reordered = reordered(order);
+        Ends::new(skill, &reordered).largest_deviation(&reordered) < apart / REORDERED_RATIO
     };
     let order = Reordered::ALL.into_iter().find(fits)?;
-    let worst = demonstrations.iter().max_by(|a, b| start_angle(a).total_cmp(&start_angle(b)))?;
     Some(format!(
-        "in all files the tool starts rotated against `{}`, by {:.0}° in `{}`, and would not if {order} \
-         were x y z w: expected w x y z",
-        skill.start_frame,
-        start_angle(worst).to_degrees(),
-        worst.name
+        "the tool ends rotated by up to {:.0}° against other demonstrations in `{}`, and all would end alike \
+         if {order} were x y z w: expected w x y z",
+        apart.to_degrees(),
+        skill.goal_frame
     ))
 }
 
@@ -183,7 +203,8 @@ impl<'a> Ends<'a> {
             let apart = |i: &usize| -> f64 {
                 let here = &poses[end][*i];
                 let each = poses[end].iter().map(|p| {
-                    p.rotation_from(here).length() + (p.position - here.position).length() / span_m.max(1e-9)
+                    p.rotation_from(here).length()
+                        + (p.position - here.position).length() / span_m.max(1e-9)
                 });
                 each.sum()
             };
@@ -204,6 +225,12 @@ impl<'a> Ends<'a> {
             here[end].rotation_from(&self.poses[end][self.middle[end]]).length()
         };
         angle(0).max(angle(1))
+    }
+
+    /// The largest of all.
+    fn largest_deviation(&self, demonstrations: &[Demonstration]) -> f64 {
+        let each = demonstrations.iter().enumerate().map(|(i, d)| self.deviation(i, d));
+        each.fold(0.0, f64::max)
     }
 
     /// Rotation of each against the middle one, in the frame at the start (0) or the end (1) [rad].

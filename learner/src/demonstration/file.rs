@@ -28,6 +28,8 @@ const FILES_MAX: usize = 1000;
 pub const POSITION_MAX_M: f64 = 1e6;
 /// Longest demonstration \[s\]: a longer one has a wrong sampling time.
 pub const DURATION_MAX_S: f64 = 600.0;
+/// A tool that moves by less has not moved [m, or rad]: rounding.
+const STILL: f64 = 1e-9;
 /// How far the length of a quaternion may be from one before it is refused; within, it is
 /// normalised. Files are written with six decimals.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
@@ -205,7 +207,11 @@ pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstr
     let poses = file.samples.iter().enumerate();
     let poses = poses.map(|(i, row)| sample(i, &row.0, file.columns.len(), path));
     let poses = poses.collect::<Result<Vec<_>, _>>()?;
-    if poses.iter().all(|p| (p.position - poses[0].position).length() < 1e-9) {
+    let moves = |p: &Pose| {
+        (p.position - poses[0].position).length() > STILL
+            || p.rotation_from(&poses[0]).length() > STILL
+    };
+    if !poses.iter().any(moves) {
         return fail("samples", "expected a motion, found a point that never moves".into());
     }
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();

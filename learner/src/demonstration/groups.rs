@@ -30,9 +30,8 @@ pub(crate) fn two_groups(points: &[Vec<f64>]) -> Option<Groups> {
     if count < 3 {
         return None;
     }
-    let squared = |a: &[f64], b: &[f64]| -> f64 {
-        a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
-    };
+    let squared =
+        |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum() };
     let pairs = (0..count).flat_map(|i| (0..i).map(move |j| (i, j)));
     let (a, b) = pairs.max_by(|x, y| {
         squared(&points[x.0], &points[x.1]).total_cmp(&squared(&points[y.0], &points[y.1]))

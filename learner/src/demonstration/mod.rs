@@ -2,7 +2,9 @@
 
 pub(crate) mod at_most;
 mod bounds;
+pub mod consistency;
 mod file;
+pub(crate) mod groups;
 pub mod plausibility;
 
 pub use bounds::diagonal;

@@ -344,6 +344,8 @@ impl TpGmm {
             .map(|(name, gaussians)| skill_model::FrameMixture {
                 name: name.clone(),
                 gaussians: gaussians.iter().map(stored).collect(),
+                agreement: Vec::new(),
+                agreement_fraction: None,
             })
             .collect()
     }

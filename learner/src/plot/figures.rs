@@ -2,6 +2,7 @@
 //! and from a corner, its fields on slices through the goal.
 
 use glam::{DVec2, DVec3};
+use tprmp_model::skill_model::{DemonstrationRollout, FrameMixture};
 use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
 use tprmp_spatial::Pose;
 use tprmp_spatial::rotation::rotation_vector;
@@ -12,8 +13,8 @@ use super::scene::{SAMPLE_S, Sample, Scene};
 use crate::demonstration::Demonstration;
 use crate::mixture::components::Choice;
 use tprmp_drawing::{
-    Anchor, BLACK, BLUE, Canvas, Ellipsoid, Figure, GREY, INK, Panel, RED, Scale, Sign, Stroke,
-    View, of_phase, pale_of_phase, principal_axes,
+    Anchor, BLACK, BLUE, Canvas, Ellipsoid, Figure, GREEN, GREY, INK, ORANGE, PURPLE, Panel, RED,
+    Scale, Sign, Stroke, View, of_phase, pale_of_phase, principal_axes,
 };
 
 /// Standard deviations at which Gaussians are drawn.
@@ -433,6 +434,72 @@ pub(super) fn orientation(
         title: "Orientation: rotation vector at the goal".into(),
         legend: legend.map(|(label, sign)| (label.into(), sign)).to_vec(),
         rows: panels.collect(),
+        bar: None,
+    }
+}
+
+/// Colours of frames, in the skill's order.
+const FRAMES: [&str; 8] = [BLUE, ORANGE, GREEN, PURPLE, RED, INK, GREY, BLACK];
+const TIME_SIZE: DVec2 = DVec2::new(560.0, 240.0);
+
+/// Time in each recording, from its first motion on, over the common time.
+pub(super) fn alignment(rows: &[DemonstrationRollout], duration_s: f64) -> Figure {
+    let recorded = |row: &DemonstrationRollout| -> Vec<DVec2> {
+        let last = (row.recorded_s.len() - 1) as f64;
+        let point = |(i, time): (usize, &f64)| {
+            DVec2::new(i as f64 / last * duration_s, time - row.recorded_s[0])
+        };
+        row.recorded_s.iter().enumerate().map(point).collect()
+    };
+    let paths: Vec<_> = rows.iter().map(recorded).collect();
+    let longest = paths.iter().flatten().map(|point| point.y).fold(duration_s, f64::max);
+    let range = [DVec2::ZERO, DVec2::new(duration_s, 1.05 * longest)];
+    let labels = ["common time [s]", "time in the recording [s]"];
+    let mut panel = Panel::graph("", labels, range, TIME_SIZE);
+    for path in &paths {
+        panel.line(path.iter().copied(), &DEMONSTRATION);
+    }
+    let even = [DVec2::ZERO, DVec2::splat(duration_s)];
+    panel.line(even, &Stroke::dashed(BLACK, 1.2));
+    let legend = [
+        ("demonstration", Sign::Line(DEMONSTRATION)),
+        ("at the common pace", Sign::Line(Stroke::dashed(BLACK, 1.2))),
+    ];
+    Figure {
+        title: "Alignment: which times of the recordings belong together".into(),
+        legend: legend.map(|(label, sign)| (label.into(), sign)).to_vec(),
+        rows: vec![vec![panel]],
+        bar: None,
+    }
+}
+
+/// How far the demonstrations lie apart over the common time, seen from each frame and in the map of all.
+pub(super) fn agreement(frames: &[FrameMixture], map: &[[f64; 2]]) -> Figure {
+    let all = frames.iter().flat_map(|frame| &frame.agreement).chain(map);
+    let most = all.map(|[metres, _]| 1e3 * metres).fold(1.0, f64::max);
+    let range = [DVec2::ZERO, DVec2::new(100.0, 1.05 * most)];
+    let labels = ["common time [%]", "rms distance from the mean [mm]"];
+    let mut panel = Panel::graph("", labels, range, TIME_SIZE);
+    let points = |all: &[[f64; 2]]| -> Vec<DVec2> {
+        let last = (all.len() - 1) as f64;
+        let point = |(i, [metres, _]): (usize, &[f64; 2])| {
+            DVec2::new(100.0 * i as f64 / last, 1e3 * metres)
+        };
+        all.iter().enumerate().map(point).collect()
+    };
+    let mut legend = Vec::new();
+    for (frame, colour) in frames.iter().zip(FRAMES) {
+        let stroke = Stroke::solid(colour, 1.6);
+        panel.line(points(&frame.agreement), &stroke);
+        legend.push((format!("seen from “{}”", frame.name), Sign::Line(stroke)));
+    }
+    let stroke = Stroke::dashed(BLACK, 1.6);
+    panel.line(points(map), &stroke);
+    legend.push(("in the map of all frames".into(), Sign::Line(stroke)));
+    Figure {
+        title: "Which frame speaks when: how far the demonstrations lie apart".into(),
+        legend,
+        rows: vec![vec![panel]],
         bar: None,
     }
 }

@@ -21,6 +21,9 @@ const GOAL_ROTATION_DEG: f64 = 30.0;
 /// A demonstration is at rest within this fraction of its extent around its first and last point.
 const REST_FRACTION: f64 = 1e-3;
 
+/// Steps of a demonstration at the common times.
+const ALIGNED_STEPS: usize = 200;
+
 /// What the pictures of a model are made of, and those made so far.
 struct Gallery<'a> {
     skill: &'a Skill<'a>,
@@ -47,6 +50,7 @@ pub fn gallery(
     let mut gallery = Gallery::new(&skill, demonstrations);
     let mean_frames = mean_frames(&skill, &gallery.frames);
     gallery.add_demonstrations();
+    gallery.add_alignment();
     gallery.add_mixture(&mean_frames);
     gallery.add_policy(&mean_frames);
     for (name, frames, moved) in displaced(&skill, &mean_frames) {
@@ -109,6 +113,25 @@ impl<'a> Gallery<'a> {
         let planar = self.skill.planar();
         let figure = figures::demonstrations(planar, self.demonstrations, &self.frames);
         self.add("demonstrations", &figure, caption);
+    }
+
+    /// The common time, and which frame speaks when: for models that know them.
+    fn add_alignment(&mut self) {
+        let SkillModel { fit, frames, .. } = self.skill.model;
+        let known = fit.demonstrations.iter().all(|row| row.recorded_s.len() > 1);
+        if !known || fit.agreement.is_empty() {
+            return;
+        }
+        let caption = format!(
+            "Time in each recording over the time that all have in common, {:.2} s; steep where \
+             somebody was slower than the others, or paused.",
+            fit.duration_s
+        );
+        self.add("alignment", &figures::alignment(&fit.demonstrations, fit.duration_s), caption);
+        let caption = "How far the demonstrations lie apart at the same time, seen from each frame: where a \
+                       frame's line is the lowest, the motion belongs to it. The map of all frames should lie \
+                       near the lowest of them everywhere.";
+        self.add("agreement", &figures::agreement(frames, &fit.agreement), caption.into());
     }
 
     /// The mixture in canonical coordinates, and as each frame sees it.
@@ -222,9 +245,7 @@ impl<'a> Gallery<'a> {
         if !model.manifold.has_orientation() {
             return None;
         }
-        let durations = self.paths.iter().zip(self.demonstrations);
-        let durations = durations.map(|(path, d)| (path.len() - 1) as f64 * d.sampling_time_s);
-        let duration_s = durations.sum::<f64>() / self.paths.len() as f64;
+        let duration_s = duration_s(model, self.demonstrations);
         let first = model.manifold.position_dimension();
         let band = |g: &skill_model::Gaussian| OrientationBand {
             phase: g.phase,
@@ -238,7 +259,7 @@ impl<'a> Gallery<'a> {
     }
 }
 
-/// The poses of a demonstration between its rests, with these frames, in canonical coordinates.
+/// The poses of a demonstration at the common times, with these frames, in canonical coordinates.
 fn canonical_path(
     skill: &Skill,
     profile: &PhaseProfile,
@@ -246,22 +267,47 @@ fn canonical_path(
     frames: &[Pose],
 ) -> Vec<Canonical> {
     let transforms = skill.displacement(frames);
-    let moving = moving(&demonstration.poses);
-    let mut path =
-        canonical::canonical_path(&skill.map, &transforms, profile, &demonstration.poses[moving]);
+    let poses = aligned(skill.model, demonstration);
+    let mut path = canonical::canonical_path(&skill.map, &transforms, profile, &poses);
     if !demonstration.manifold.has_orientation() {
         path.iter_mut().for_each(|y| y.rotation = DVec3::ZERO);
     }
     path
 }
 
+/// The poses of a demonstration at equal steps of the common time, as the model knows it; between its
+/// rests, when it does not.
+fn aligned(model: &SkillModel, demonstration: &Demonstration) -> Vec<Pose> {
+    let row = model.fit.demonstrations.iter().find(|row| row.name == demonstration.name);
+    let Some(row) = row.filter(|row| row.recorded_s.len() > 1) else {
+        return demonstration.poses[moving(&demonstration.poses)].to_vec();
+    };
+    let (table, last) = (&row.recorded_s, demonstration.poses.len() - 1);
+    let pose = |k: usize| {
+        let place = k as f64 / ALIGNED_STEPS as f64 * (table.len() - 1) as f64;
+        let i = (place as usize).min(table.len() - 2);
+        let time_s = table[i] + (place - i as f64) * (table[i + 1] - table[i]);
+        let sample = (time_s / demonstration.sampling_time_s).clamp(0.0, last as f64);
+        let j = (sample as usize).min(last - 1);
+        demonstration.poses[j].interpolate(&demonstration.poses[j + 1], sample - j as f64)
+    };
+    (0..=ALIGNED_STEPS).map(pose).collect()
+}
+
+/// Duration of the demonstrations [s]: what they have in common, or in the mean.
+fn duration_s(model: &SkillModel, demonstrations: &[Demonstration]) -> f64 {
+    if model.fit.duration_s > 0.0 {
+        return model.fit.duration_s;
+    }
+    let duration = |d: &Demonstration| (moving(&d.poses).len() - 1) as f64 * d.sampling_time_s;
+    demonstrations.iter().map(duration).sum::<f64>() / demonstrations.len() as f64
+}
+
 /// How the phase runs in these demonstrations.
 fn profile(model: &SkillModel, demonstrations: &[Demonstration]) -> PhaseProfile {
-    let duration = |d: &Demonstration| (moving(&d.poses).len() - 1) as f64 * d.sampling_time_s;
-    let mean_s = demonstrations.iter().map(duration).sum::<f64>() / demonstrations.len() as f64;
     match &model.policy {
         skill_model::PolicyModel::Canonical { position, .. } => {
-            PhaseProfile::damped(mean_s, position.damping_1_s)
+            PhaseProfile::damped(duration_s(model, demonstrations), position.damping_1_s)
         }
         skill_model::PolicyModel::Thesis(_) => PhaseProfile::linear(),
     }

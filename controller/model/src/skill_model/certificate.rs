@@ -82,6 +82,7 @@ impl Certificate {
             goal_error_max_m: 0.0,
             goal_error_max_rad: 0.0,
             energy_rise_max: 0.0,
+            on_their_way: 0,
         };
         Self {
             failures: vec!["nothing was examined".into()],

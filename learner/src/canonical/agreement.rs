@@ -1,0 +1,218 @@
+//! How well demonstrations agree: as each frame sees them, in the map of all frames, and with what the
+//! others predict.
+
+use glam::DVec3;
+use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
+use tprmp_spatial::Pose;
+
+use crate::canonical::means::mean_pose;
+use crate::canonical::{CanonicalDemonstration, CanonicalSet};
+use crate::demonstration::{Demonstration, diagonal};
+use crate::skill::Skill;
+
+/// Fractions of the common time at which agreement is looked at, the ends included.
+pub const STEPS: usize = 41;
+/// The map is worse than a frame when the demonstrations lie so many times as far apart in it …
+const WORSE_RATIO: f64 = 3.0;
+/// … and by this fraction of the skill's span farther …
+const WORSE_FRACTION: f64 = 0.02;
+/// … at so many places in a row.
+const WORSE_STEPS: usize = 3;
+
+/// Root of the mean square distance of demonstrations from their mean [m, rad], at [`STEPS`] fractions of
+/// the common time.
+#[derive(Clone, Debug)]
+pub struct Agreement {
+    /// For each frame of the skill.
+    pub frames: Vec<Vec<[f64; 2]>>,
+    /// In canonical coordinates, which the map of all frames gives.
+    pub map: Vec<[f64; 2]>,
+}
+
+/// How far a demonstration is from what the others predict, root of the mean square [m, rad].
+pub type Predicted = [f64; 2];
+
+impl Agreement {
+    /// How aligned demonstrations agree.
+    #[must_use]
+    pub fn new(skill: &Skill, demonstrations: &[Demonstration], set: &CanonicalSet) -> Self {
+        let rotates = skill.manifold.has_orientation();
+        let seen_from = |p: usize, step: usize| -> [f64; 2] {
+            let seen: Vec<Pose> = demonstrations
+                .iter()
+                .map(|d| {
+                    skill.frames(d)[p].inverse().compose(&d.poses[sample(d.poses.len(), step)])
+                })
+                .collect();
+            spread(&seen, rotates)
+        };
+        let in_map = |step: usize| -> [f64; 2] {
+            let seen: Vec<Pose> = set
+                .demonstrations
+                .iter()
+                .map(|d| pose(d, sample(d.position.points.len(), step)))
+                .collect();
+            spread(&seen, rotates)
+        };
+        let frames = skill.frames(&demonstrations[0]).len();
+        Self {
+            frames: (0..frames)
+                .map(|p| (0..STEPS).map(|step| seen_from(p, step)).collect())
+                .collect(),
+            map: (0..STEPS).map(in_map).collect(),
+        }
+    }
+
+    /// Where the map of the frames loses what a frame sees: a sentence each.
+    #[must_use]
+    pub fn warnings(&self, skill: &Skill, demonstrations: &[Demonstration]) -> Vec<String> {
+        let span = demonstrations.iter().map(|d| diagonal(d.poses.iter().map(|p| p.position)));
+        let span_m = span.fold(0.0, f64::max);
+        let names: Vec<&str> =
+            skill.named_frames(&demonstrations[0]).map(|(name, _)| name).collect();
+        let mut warnings = Vec::new();
+        for (seen, name) in self.frames.iter().zip(names) {
+            let worse = |step: &usize| {
+                let (map, frame) = (self.map[*step][0], seen[*step][0]);
+                map > WORSE_RATIO * frame && map - frame > WORSE_FRACTION * span_m
+            };
+            let steps: Vec<usize> = (0..STEPS).filter(worse).collect();
+            let in_a_row =
+                steps.windows(WORSE_STEPS).any(|w| w[WORSE_STEPS - 1] - w[0] < WORSE_STEPS);
+            if !in_a_row {
+                continue;
+            }
+            let (first, last) = (steps[0], steps[steps.len() - 1]);
+            let most = |of: &[[f64; 2]]| steps.iter().map(|step| of[*step][0]).fold(0.0, f64::max);
+            warnings.push(format!(
+                "from {:.0} to {:.0} % of the time the demonstrations agree to {:.1} mm seen from `{name}`, \
+                 and only to {:.1} mm in the map of all frames: the skill will pass it with that error",
+                percent(first),
+                percent(last),
+                1e3 * most(seen),
+                1e3 * most(&self.map),
+            ));
+        }
+        warnings
+    }
+}
+
+fn percent(step: usize) -> f64 {
+    100.0 * step as f64 / (STEPS - 1) as f64
+}
+
+/// Sample of a path at a step.
+fn sample(count: usize, step: usize) -> usize {
+    (step as f64 / (STEPS - 1) as f64 * (count - 1) as f64).round() as usize
+}
+
+/// A canonical sample as a pose.
+fn pose(d: &CanonicalDemonstration, i: usize) -> Pose {
+    let orientation = glam::DQuat::from_scaled_axis(d.rotation.points[i]);
+    Pose { position: d.position.points[i], orientation }
+}
+
+fn spread(poses: &[Pose], rotates: bool) -> [f64; 2] {
+    let mean = mean_pose(poses);
+    let count = poses.len() as f64;
+    let metres: f64 = poses.iter().map(|p| (p.position - mean.position).length_squared()).sum();
+    let radians: f64 = poses.iter().map(|p| p.rotation_from(&mean).length_squared()).sum();
+    [(metres / count).sqrt(), if rotates { (radians / count).sqrt() } else { 0.0 }]
+}
+
+/// What the others predict of each demonstration: the mean of their canonical paths, through its frames.
+/// Nothing is predicted of the only one.
+#[must_use]
+pub fn predicted(
+    skill: &Skill,
+    demonstrations: &[Demonstration],
+    set: &CanonicalSet,
+) -> Vec<Predicted> {
+    let count = set.demonstrations.len();
+    if count < 2 {
+        return vec![[0.0; 2]; count];
+    }
+    let rotates = skill.manifold.has_orientation();
+    let of = |i: usize| -> Predicted {
+        let (mut metres, mut radians) = (0.0, 0.0);
+        let poses = &demonstrations[i].poses;
+        for (k, pose) in poses.iter().enumerate() {
+            let others = set.demonstrations.iter().enumerate().filter(|(j, _)| *j != i);
+            let (mut position, mut rotation) = (DVec3::ZERO, DVec3::ZERO);
+            for (_, other) in others {
+                let last = (other.position.points.len() - 1) as f64;
+                let at = (k as f64 / (poses.len() - 1) as f64 * last).round() as usize;
+                position += other.position.points[at] / (count - 1) as f64;
+                rotation += other.rotation.points[at] / (count - 1) as f64;
+            }
+            let own = &set.demonstrations[i];
+            let y = Canonical { position, rotation };
+            let there = set.map.forward(&own.transforms, own.phases[k][0], &y);
+            metres += (there.position - pose.position).length_squared();
+            radians += there.rotation_from(pose).length_squared();
+        }
+        let n = poses.len() as f64;
+        [(metres / n).sqrt(), if rotates { (radians / n).sqrt() } else { 0.0 }]
+    };
+    (0..count).map(of).collect()
+}
+
+/// The demonstrations in two groups that take other paths between common ends: which, from and to which
+/// fraction of the time, and how far apart [m or rad].
+#[must_use]
+pub fn two_ways(
+    demonstrations: &[Demonstration],
+    set: &CanonicalSet,
+    span_m: f64,
+) -> Option<String> {
+    use crate::demonstration::consistency::names;
+    use crate::demonstration::groups::two_groups;
+    let groups = |step: usize, block: usize| {
+        let points: Vec<Vec<f64>> = set
+            .demonstrations
+            .iter()
+            .map(|d| {
+                let path = if block == 0 { &d.position } else { &d.rotation };
+                path.points[sample(path.points.len(), step)].to_array().to_vec()
+            })
+            .collect();
+        two_groups(&points).filter(|groups| groups.smaller() >= 2)
+    };
+    for (block, least) in [(0, WAYS_FRACTION * span_m), (1, WAYS_RAD)] {
+        let found: Vec<_> = (0..STEPS)
+            .filter_map(|step| Some((step, groups(step, block)?)))
+            .filter(|(_, groups)| groups.distance > least)
+            .collect();
+        let Some((_, first)) = found.first() else { continue };
+        // The same groups, whichever comes first.
+        let same = |second: &[bool]| {
+            second == first.second || second.iter().zip(&first.second).all(|(a, b)| a != b)
+        };
+        let stable = found.iter().filter(|(_, groups)| same(&groups.second)).count();
+        if stable < WAYS_STEPS || stable < found.len() {
+            continue;
+        }
+        let most = found.iter().map(|(_, groups)| groups.distance).fold(0.0, f64::max);
+        let apart = if block == 0 {
+            format!("{:.0} mm", 1e3 * most)
+        } else {
+            format!("{:.0}°", most.to_degrees())
+        };
+        return Some(format!(
+            "between {:.0} and {:.0} % of the time the demonstrations take two paths, {apart} apart: {} and \
+             {}; what is learned is their mean, which nobody demonstrated: learn each from a folder of its own",
+            percent(found[0].0),
+            percent(found[found.len() - 1].0),
+            names(demonstrations, &first.second, false),
+            names(demonstrations, &first.second, true)
+        ));
+    }
+    None
+}
+
+/// Two paths lie apart by this fraction of the span …
+const WAYS_FRACTION: f64 = 0.04;
+/// … or this angle \[rad\] …
+const WAYS_RAD: f64 = 0.35;
+/// … at so many places.
+const WAYS_STEPS: usize = 4;
