@@ -5,19 +5,28 @@ use std::path::Path;
 use nalgebra::SVector;
 use tprmp_messages::JOINT_CAPACITY;
 use tprmp_model::controller_config::Robot;
-use tprmp_robot::{Chain, Kinematics, count_joints, forward_kinematics};
+use tprmp_robot::{Chain, JointKind, Kinematics, count_joints, forward_kinematics};
 use tprmp_spatial::Pose;
 
 use super::error::RecordError;
 use crate::file_error::FileError;
 
+/// Joint positions \[rad or m\]; those beyond the arm's number of joints are not looked at.
+pub(crate) type Positions = [f64; JOINT_CAPACITY];
+
 /// An arm of any number of joints.
-pub(super) trait Arm {
+pub(crate) trait Arm {
     /// Number of joints.
     fn joints(&self) -> usize;
 
+    /// Whether joint `i` rotates; the others slide.
+    fn rotates(&self, i: usize) -> bool;
+
+    /// Least and greatest position of joint `i` \[rad or m\].
+    fn limits(&self, i: usize) -> [f64; 2];
+
     /// X_BE, the pose of the tool in the base frame, at joint positions [rad or m].
-    fn tool_pose(&mut self, position: &[f64; JOINT_CAPACITY]) -> Pose;
+    fn tool_pose(&mut self, position: &Positions) -> Pose;
 }
 
 struct Serial<const N: usize> {
@@ -30,7 +39,15 @@ impl<const N: usize> Arm for Serial<N> {
         N
     }
 
-    fn tool_pose(&mut self, position: &[f64; JOINT_CAPACITY]) -> Pose {
+    fn rotates(&self, i: usize) -> bool {
+        self.chain.joint_kind(i) == Some(JointKind::Revolute)
+    }
+
+    fn limits(&self, i: usize) -> [f64; 2] {
+        [self.chain.position_lower()[i], self.chain.position_upper()[i]]
+    }
+
+    fn tool_pose(&mut self, position: &Positions) -> Pose {
         let q = SVector::from_fn(|i, _| position[i]);
         forward_kinematics(&self.chain, &q, &mut self.kinematics);
         self.kinematics.tool_pose()
@@ -38,7 +55,7 @@ impl<const N: usize> Arm for Serial<N> {
 }
 
 /// Reads the arm that a controller's configuration names.
-pub(super) fn read(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, RecordError> {
+pub(crate) fn read(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, RecordError> {
     match count_joints(&robot.urdf, robot.selection())? {
         2 => serial::<2>(config, robot),
         3 => serial::<3>(config, robot),

@@ -6,7 +6,7 @@
 //! shared memory and calls them; `announcer` reports what it waits for.
 
 mod announcer;
-mod arm;
+pub(crate) mod arm;
 mod error;
 mod folder;
 mod intake;
