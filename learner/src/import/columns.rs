@@ -164,7 +164,10 @@ impl Finder<'_> {
 
     /// The refusal of a table without a column.
     fn missing(&self, column: &str, expected: &str) -> Wrong {
-        let nearly = self.names.iter().find(|name| nearly(name, &[column]).is_some());
+        // As LeRobot names a joint.
+        let element = format!("{}_pos", column.strip_suffix("_joint").unwrap_or(column));
+        let known = [column, &*element];
+        let nearly = self.names.iter().find(|name| nearly(name, &known).is_some());
         let hint = match nearly {
             Some(found) if found.ends_with("_mm") => {
                 format!("; `{found}` is read with --unit mm")

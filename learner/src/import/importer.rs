@@ -8,8 +8,8 @@ use tprmp_files::{Draft, Existing, make_folder, name};
 use super::joints::Joints;
 use super::recording::{Finished, Recording};
 use super::selection::Selection;
-use super::sources::Sources;
-use super::{lasa, npy, npz, table, thesis};
+use super::sources::{Sources, is_lerobot};
+use super::{lasa, lerobot, npy, npz, table, thesis};
 use crate::demonstration::{Demonstration, plausibility, to_text};
 use crate::file_error::FileError;
 
@@ -118,6 +118,10 @@ fn recordings(foreign: &Path, selection: &Selection) -> Result<Read, FileError> 
         ("--time-unit", selection.time_unit.is_some()),
         ("--space", selection.space.is_some()),
     ];
+    if is_lerobot(foreign) {
+        let recordings = lerobot::read(foreign, joints.as_mut(), selection)?;
+        return Ok((skill()?, recordings, false));
+    }
     match extension.as_str() {
         "json" | "mat" => selection.refuse(foreign, &[&own_frames[..], &own_unit].concat())?,
         "npz" => selection

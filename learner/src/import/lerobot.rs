@@ -68,8 +68,8 @@ pub(super) fn read(
 ) -> Result<Vec<Recording>, FileError> {
     let path = folder.join(INFO);
     let info: Info = parse(&read_text(&path, INFO_BYTES_MAX)?, &path)?;
-    let (names, elements) = elements(&info, selection)
-        .map_err(|(key, problem)| FileError::key(&path, key, problem))?;
+    let (names, elements) =
+        elements(&info, selection).map_err(|(key, problem)| FileError::key(&path, key, problem))?;
     let in_column = |(column, problem): Wrong| {
         FileError::input(&path, format!("key `features`, column `{column}`"), problem)
     };
@@ -139,7 +139,11 @@ fn elements(info: &Info, selection: &Selection) -> Result<(Vec<String>, Vec<Elem
 }
 
 /// Names of a feature's elements: those chosen, or a list, or a list under one key (`motors`), or numbers.
-fn element_names(feature: &Feature, chosen: &[String], count: usize) -> Result<Vec<String>, String> {
+fn element_names(
+    feature: &Feature,
+    chosen: &[String],
+    count: usize,
+) -> Result<Vec<String>, String> {
     let list = match &feature.names {
         Value::Object(map) if map.len() == 1 => map.values().next().unwrap_or(&Value::Null),
         other => other,
@@ -156,7 +160,9 @@ fn element_names(feature: &Feature, chosen: &[String], count: usize) -> Result<V
         return Ok(named);
     }
     let found = named.len();
-    Err(format!("expected {count} names, as `shape` says, found {found}; --columns names those of the state"))
+    Err(format!(
+        "expected {count} names, as `shape` says, found {found}; --columns names those of the state"
+    ))
 }
 
 /// The files of data, in order.
@@ -227,7 +233,8 @@ impl Reader<'_> {
         let mut from = 0;
         for rows in episodes.chunk_by(|a, b| a == b) {
             let episode = rows[0] as i64;
-            if self.recordings.contains_key(&episode) || self.recordings.len() == DEMONSTRATIONS_MAX {
+            if self.recordings.contains_key(&episode) || self.recordings.len() == DEMONSTRATIONS_MAX
+            {
                 return Err(fail(format!(
                     "expected at most {DEMONSTRATIONS_MAX} episodes, each in one piece, found episode {episode} \
                      again or beyond"
@@ -272,8 +279,13 @@ impl Reader<'_> {
         let count = self.recordings.len();
         let own = self.frames.map_or(0, |frames| frames.own.len());
         if own != 0 && own != count {
-            let problem = format!("expected frames of {count} episodes, as many as there are, found {own}");
-            return Err(FileError::input(self.folder, "key `demonstrations` of the frames", problem));
+            let problem =
+                format!("expected frames of {count} episodes, as many as there are, found {own}");
+            return Err(FileError::input(
+                self.folder,
+                "key `demonstrations` of the frames",
+                problem,
+            ));
         }
         Ok(self.recordings.into_values().collect())
     }

@@ -58,7 +58,10 @@ impl Table {
         let is_it = |i: &usize| schema.column(*i).path().parts().first().is_some_and(|p| p == name);
         let found: Vec<usize> = (0..schema.num_columns()).filter(is_it).collect();
         let [column] = found[..] else {
-            return Err(format!("expected this column of numbers, found {} of the name", found.len()));
+            return Err(format!(
+                "expected this column of numbers, found {} of the name",
+                found.len()
+            ));
         };
         if self.rows * count > NUMBERS_MAX {
             return Err(format!("expected at most {NUMBERS_MAX} numbers, found more"));
