@@ -66,7 +66,7 @@ enum Command {
     ///
     /// Recorded velocities (vx_m_s ..., velocities, vel) are compared with the sampling time.
     #[command(verbatim_doc_comment)]
-    Import(ImportOptions),
+    Import(Box<ImportOptions>),
 }
 
 #[derive(Args)]

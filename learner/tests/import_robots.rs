@@ -237,7 +237,7 @@ fn lerobot(folder: &Folder) -> PathBuf {
 
 /// Joints [rad] of an episode as the script has them.
 fn episode_joints(episode: usize, i: usize) -> [f64; 6] {
-    let s = i as f64 / ([31, 25, 28][episode] as f64 - 1.0);
+    let s = i as f64 / (f64::from([31, 25, 28][episode]) - 1.0);
     let bow = s * s * (3.0 - 2.0 * s);
     std::array::from_fn(|k| START[k] + (0.3 + 0.05 * episode as f64) * bow * (k as f64).cos())
 }

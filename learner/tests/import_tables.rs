@@ -255,7 +255,11 @@ fn fast_recordings_are_thinned_with_a_word() {
         let t = i as f64 * 0.01;
         assert!((pose.position.x - 0.3 * (0.3 * t).sin()).abs() < 2e-6, "{i}");
     }
-    let chosen = Selection { sampling_time_s: Some(0.005), ..usual.clone() };
+    let few = Selection { samples_max: Some(2001), ..usual.clone() };
+    let found = imported(&folder, &text, &few).unwrap();
+    let said = "30001 samples at 500 Hz thinned to 2001 at 33.3 Hz";
+    assert!(found.summary[0].ends_with(said), "{}", found.summary[0]);
+    let chosen = Selection { sampling_time_s: Some(0.005), ..few.clone() };
     assert_eq!(demonstrated(&imported(&folder, &text, &chosen).unwrap()).poses.len(), 12_001);
     assert_eq!(demonstrated(&imported(&folder, &text, &selection()).unwrap()).poses.len(), 30_001);
     // At the rate itself nothing is done.

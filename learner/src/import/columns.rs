@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use tprmp_model::skill_model::Manifold;
 
 use super::names::{bare, nearly};
-use super::selection::{AngleUnit, LengthUnit, Selection, TimeUnit};
+use super::selection::{AngleUnit, LengthUnit, Selection, Space, TimeUnit};
 use crate::demonstration::columns;
 
 /// A column that is wrong, and what was expected.
@@ -154,7 +154,7 @@ impl Finder<'_> {
             (_, true) => Manifold::R3,
             _ => Manifold::R2,
         };
-        let manifold = self.selection.space.map_or(recorded, |space| space.manifold());
+        let manifold = self.selection.space.map_or(recorded, Space::manifold);
         let find = |column: &&str| {
             place(column).ok_or_else(|| self.missing(column, &columns(manifold).join(", ")))
         };
@@ -204,7 +204,7 @@ impl Finder<'_> {
             }
         };
         let found = joints.iter().map(find).collect::<Result<_, _>>()?;
-        let manifold = self.selection.space.map_or(Manifold::R3S3, |space| space.manifold());
+        let manifold = self.selection.space.map_or(Manifold::R3S3, Space::manifold);
         Ok((manifold, Tool::Joints(found)))
     }
 
@@ -295,7 +295,7 @@ impl Finder<'_> {
         found: &Columns,
     ) -> Result<(), Wrong> {
         // What was left out on purpose, or has its exact column beside it.
-        let space = self.selection.space.map(|space| space.manifold());
+        let space = self.selection.space.map(Space::manifold);
         let (frame, part) = match name.rsplit_once('.') {
             Some((frame, part)) if found.frames.contains_key(frame) => (format!("{frame}."), part),
             _ => (String::new(), name),

@@ -124,10 +124,8 @@ impl Recording {
 
     /// Keeps the first of several samples with one time.
     fn drop_duplicates(&mut self) {
-        let mut is_new = vec![true; self.times_s.len()];
-        for i in 1..is_new.len() {
-            is_new[i] = self.times_s[i] != self.times_s[i - 1];
-        }
+        let pairs = self.times_s.windows(2).map(|pair| pair[1] != pair[0]);
+        let is_new: Vec<bool> = std::iter::once(true).chain(pairs).collect();
         let dropped = is_new.iter().filter(|is_new| !**is_new).count();
         if dropped > 0 {
             keep(&mut self.times_s, &is_new);
@@ -150,12 +148,14 @@ impl Recording {
         let Some(wanted_s) = selection.sampling_time_s else {
             let fail = |problem| FileError::input(path, &self.place, problem);
             self.check_even_times(even_s).map_err(fail)?;
-            let most = selection.rate_max_hz.map_or(f64::INFINITY, |rate_hz| rate_hz * duration_s);
+            let by_rate = selection.rate_max_hz.map(|rate_hz| rate_hz * duration_s);
+            let by_count = selection.samples_max.map(|count| count.saturating_sub(1) as f64);
+            let most = by_rate.unwrap_or(f64::INFINITY).min(by_count.unwrap_or(f64::INFINITY));
             // A recording at the rate itself has it but for rounding.
             let is_fast = (self.poses.len() - 1) as f64 > most * (1.0 + RATE_TOLERANCE);
             let steps = most.min(SAMPLES_MAX as f64 - 1.0).floor().max(POINTS_MIN as f64 - 1.0);
             if is_fast || self.poses.len() > SAMPLES_MAX {
-                if selection.rate_max_hz.is_none() {
+                if most.is_infinite() {
                     let found = self.poses.len();
                     return Err(fail(format!(
                         "expected at most {SAMPLES_MAX} samples, found {found}; --sampling-time-s makes fewer"

@@ -125,6 +125,10 @@ pub struct Selection {
     /// Most samples a second: faster recordings are thinned to so many, unless --sampling-time-s is given
     #[arg(long, value_name = "HZ", default_value = "100")]
     pub rate_max_hz: Option<f64>,
+    /// Most samples of a demonstration: longer ones are thinned to so many, unless --sampling-time-s is
+    /// given. The time of learning grows with their number
+    #[arg(long, value_name = "N", default_value = "2001")]
+    pub samples_max: Option<usize>,
     /// How to resample
     #[arg(long, value_enum, default_value_t)]
     pub interpolation: Interpolation,
