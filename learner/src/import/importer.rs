@@ -44,7 +44,9 @@ pub fn import(
     let mut demonstrations = Vec::new();
     let mut origins: BTreeMap<String, &Path> = BTreeMap::new();
     for source in &sources.files {
-        for finished in read(source, selection, sources.files.len() == 1)? {
+        let all = read(source, selection, sources.files.len() == 1)?;
+        let are_several = all.len() > 1;
+        for finished in all {
             let name = finished.demonstration.name.clone();
             if let Some(other) = origins.insert(name.clone(), source) {
                 let other = other.display();
@@ -52,7 +54,8 @@ pub fn import(
                     format!("it would be written as `{name}`, and so would `{other}`: rename one");
                 return Err(FileError::input(source, "name of the file", problem));
             }
-            imported.summary.push(format!("{}: {}", source.display(), finished.summary));
+            let which = if are_several { format!(", {name}") } else { String::new() };
+            imported.summary.push(format!("{}{which}: {}", source.display(), finished.summary));
             imported.warnings.extend(finished.warning);
             demonstrations.push(finished.demonstration);
         }

@@ -127,7 +127,7 @@ pub struct Selection {
     pub rate_max_hz: Option<f64>,
     /// Most samples of a demonstration: longer ones are thinned to so many, unless --sampling-time-s is
     /// given. The time of learning grows with their number
-    #[arg(long, value_name = "N", default_value = "2001")]
+    #[arg(long, value_name = "N", default_value = "1501")]
     pub samples_max: Option<usize>,
     /// How to resample
     #[arg(long, value_enum, default_value_t)]
