@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use clap::{Args, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use tprmp_files::standard::{self, exit_code};
-use tprmp_files::{Existing, errln, outln, try_out, write};
-use tprmp_learner::import::{Interpolation, Selection, import};
+use tprmp_files::{Existing, errln, outln, printable, try_out, write};
+use tprmp_learner::import::{Selection, import};
 use tprmp_learner::mixture::components::Components;
 use tprmp_learner::{plot, record, report, train};
 use tprmp_model::skill_model;
@@ -53,18 +53,21 @@ enum Command {
         #[arg(long, value_name = "FOLDER")]
         out: PathBuf,
     },
-    /// Turn a file of another format into demonstration files
+    /// Turn files of other formats into demonstration files
     ///
     /// Formats, by extension:
-    ///   .json  several demonstrations in the thesis' layout
-    ///   .csv   one demonstration: header with time_s and x_m, y_m [, z_m [, qw, qx, qy, qz]];
-    ///          its frames in NAME.frames.json: {"frames": {...}}
+    ///   .csv   one demonstration: header with time_s and x_m, y_m [, z_m [, qw, qx, qy, qz]], or the
+    ///          joints of --robot; its frames in NAME.frames.json: {"frames": {...}}
     ///   .npz   one demonstration: arrays time_s, poses, frames/NAME (x y z qw qx qy qz)
+    ///   .npy   several demonstrations: demonstrations x samples x coordinates; NAME.array.json says
+    ///          what they are
     ///   .mat   LASA handwriting: cells `demos` with pos, t, vel, dt, in mm
+    ///   .json  several demonstrations in the thesis' layout
+    /// A folder: all .csv, .npz, .npy and .mat in it.
     ///
     /// Recorded velocities (vx_m_s ..., velocities, vel) are compared with the sampling time.
     #[command(verbatim_doc_comment)]
-    Import(ImportOptions),
+    Import(Box<ImportOptions>),
 }
 
 #[derive(Args)]
@@ -97,36 +100,14 @@ struct TrainOptions {
 
 #[derive(Args)]
 struct ImportOptions {
-    /// File to import
-    foreign: PathBuf,
+    /// Files to import, or folders of them
+    #[arg(required = true)]
+    foreign: Vec<PathBuf>,
     /// Folder to write the demonstrations to; made when it is missing
     #[arg(long)]
     out: PathBuf,
-    /// Name of the skill; by default the one in the file (.json) or of the file (.mat)
-    #[arg(long)]
-    skill: Option<String>,
-    /// Only the demonstrations with this tag
-    #[arg(long)]
-    tag: Option<String>,
-    /// Name of the start frame; by default `start` in the plane, `ee_start` in space
-    #[arg(long)]
-    start_frame: Option<String>,
-    /// Name of the goal frame; by default `end` in the plane, `object` in space
-    #[arg(long)]
-    goal_frame: Option<String>,
-    /// Resample to this time between samples, in seconds; first and last sample stay, so the time is
-    /// rounded to a whole part of the duration
-    #[arg(long, value_name = "S")]
-    sampling_time_s: Option<f64>,
-    /// How to resample
-    #[arg(long, value_enum, default_value_t)]
-    interpolation: Interpolation,
-    /// Time between the recorded samples, in seconds, in place of what the file says
-    #[arg(long, value_name = "S")]
-    recorded_at_s: Option<f64>,
-    /// Take the frames with which the thesis learned a demonstration, where its file has them
-    #[arg(long)]
-    reference_frames: bool,
+    #[command(flatten)]
+    selection: Selection,
     /// Replace demonstrations of the same names in the folder
     #[arg(long)]
     force: bool,
@@ -195,18 +176,11 @@ fn run(command: Command) -> Outcome {
             print_written(&plot::plot(&model, &demonstrations, &out)?);
         }
         Command::Import(options) => {
-            let selection = Selection {
-                skill: options.skill,
-                tag: options.tag,
-                start_frame: options.start_frame,
-                goal_frame: options.goal_frame,
-                sampling_time_s: options.sampling_time_s,
-                interpolation: options.interpolation,
-                recorded_at_s: options.recorded_at_s,
-                reference_frames: options.reference_frames,
-            };
             let existing = Existing::unless(options.force);
-            print_written(&import(&options.foreign, &options.out, &selection, existing)?);
+            let imported = import(&options.foreign, &options.out, &options.selection, existing)?;
+            print_all("read", &imported.summary);
+            print_all("warning", &imported.warnings);
+            print_written(&imported.written);
         }
     }
     Ok(())
@@ -242,6 +216,12 @@ fn train(options: TrainOptions) -> Outcome {
         print_written(&[path]);
     }
     Ok(())
+}
+
+fn print_all(key: &str, lines: &[String]) {
+    for line in lines {
+        outln!("{key:<11}{}", printable(line));
+    }
 }
 
 fn print_written(paths: &[PathBuf]) {

@@ -46,7 +46,8 @@ fn write(folder: &Folder, name: &str, bytes: &[u8]) -> PathBuf {
 }
 
 fn imported(path: &Path, selection: &Selection) -> Result<Vec<PathBuf>, FileError> {
-    import(path, &path.parent().unwrap().join("out"), selection, Existing::Replace)
+    let out = path.parent().unwrap().join("out");
+    Ok(import(&[path], &out, selection, Existing::Replace)?.written)
 }
 
 /// What importing these bytes says; it names the file and `expected`.

@@ -288,8 +288,9 @@ fn planar_foreign_files_are_imported_with_their_frames() {
     let folder = Folder::new("foreign-planar");
     let foreign = folder.write("C.json", &foreign_planar());
     let selection = Selection { skill: Some("arc".into()), ..Selection::default() };
-    let written =
-        import(&foreign, &folder.path().join("out/deep"), &selection, Existing::Keep).unwrap();
+    let written = import(&[&foreign], &folder.path().join("out/deep"), &selection, Existing::Keep)
+        .unwrap()
+        .written;
     assert_eq!(written.len(), 1);
     let demonstrated = read(&written[0], "start", "end").unwrap();
     assert_eq!((demonstrated.skill.as_str(), demonstrated.manifold), ("arc", Manifold::R2));
@@ -310,8 +311,9 @@ fn reference_frames_are_taken_where_they_are_asked_for() {
     let out = folder.path().join("out");
     let start = |reference_frames: bool| {
         let selection = Selection { reference_frames, ..Selection::default() };
-        let written =
-            import(&foreign, &out, &selection, Existing::Keep).map_err(|e| e.to_string())?;
+        let written = import(&[&foreign], &out, &selection, Existing::Keep)
+            .map_err(|e| e.to_string())?
+            .written;
         let demonstrated = read(&written[0], "start", "end").unwrap();
         std::fs::remove_dir_all(&out).unwrap();
         Ok::<_, String>(demonstrated.start.position.to_array())
@@ -352,10 +354,10 @@ fn poses_are_imported_by_their_tag() {
     let tagged =
         |tag: Option<&str>| Selection { tag: tag.map(String::from), ..Selection::default() };
     let message =
-        |tag| import(&foreign, &out, &tagged(tag), Existing::Keep).unwrap_err().to_string();
+        |tag| import(&[&foreign], &out, &tagged(tag), Existing::Keep).unwrap_err().to_string();
     assert!(message(None).contains("`side`, `top`"));
     assert!(message(Some("bottom")).contains("bottom"));
-    let written = import(&foreign, &out, &tagged(Some("top")), Existing::Keep).unwrap();
+    let written = import(&[&foreign], &out, &tagged(Some("top")), Existing::Keep).unwrap().written;
     assert_eq!(written.len(), 2);
     let demonstrated = read(&written[1], "ee_start", "object").unwrap();
     assert_eq!((demonstrated.skill.as_str(), demonstrated.sampling_time_s), ("grasp", 0.005));
@@ -370,7 +372,7 @@ fn wrong_foreign_files_are_refused_by_key() {
     let folder = Folder::new("foreign-wrong");
     let say = |text: String| {
         let foreign = folder.write("C.json", &text);
-        import(&foreign, &folder.path().join("out"), &Selection::default(), Existing::Keep)
+        import(&[&foreign], &folder.path().join("out"), &Selection::default(), Existing::Keep)
             .unwrap_err()
             .to_string()
     };

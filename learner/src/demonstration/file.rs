@@ -95,7 +95,7 @@ pub fn columns(manifold: Manifold) -> &'static [&'static str] {
     }
 }
 
-/// Reads all demonstrations of a folder (`*.json`), in order of their names.
+/// Reads all demonstrations of a folder (`*.json`), in order of their names; hidden files are skipped.
 ///
 /// # Errors
 /// [`FileError`], naming file and key: the folder is missing or empty, a file is refused by
@@ -112,7 +112,9 @@ pub fn read_folder(
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
         let path = entry.map_err(unreadable)?.path();
-        if path.extension().is_some_and(|extension| extension == "json") {
+        // Hidden ones are made by file managers and by programs that write at this moment.
+        let is_hidden = path.file_name().is_some_and(|n| n.as_encoded_bytes().starts_with(b"."));
+        if !is_hidden && path.extension().is_some_and(|extension| extension == "json") {
             files.push(path);
         }
     }

@@ -10,8 +10,8 @@ use crate::demonstration::file::Demonstration;
 const SPEED_MAX_M_S: f64 = 20.0;
 /// … or rotates faster [rad/s].
 const SPEED_MAX_RAD_S: f64 = 50.0;
-/// No arm reaches farther [m].
-const SPAN_MAX_M: f64 = 20.0;
+/// No arm reaches farther \[m\].
+pub const SPAN_MAX_M: f64 = 20.0;
 /// A step so many times as long as those beside it is a jump.
 const JUMP_RATIO: f64 = 4.0;
 /// … unless it is shorter than this fraction of the span [1] …

@@ -110,5 +110,8 @@ fn recording(demonstration: &Value, place: &str) -> Result<Recording, (String, S
         times_s,
         poses: positions.into_iter().map(unrotated).collect(),
         velocities,
+        notes: Vec::new(),
+        ignored: None,
+        has_own_unit: true,
     })
 }

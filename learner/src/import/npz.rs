@@ -2,42 +2,41 @@
 //! `time_s` (N), `poses` (N×2, N×3 or N×7: x y z qw qx qy qz) and `frames/<name>` (7 numbers).
 //!
 //! `velocities` (N×2 or more, linear first) are compared with the times when they are there. Other
-//! arrays are disregarded. Arrays hold little-endian floats or integers of 4 or 8 bytes.
+//! arrays are named in the summary; those that are nearly known are refused. Arrays hold little-endian floats or integers of 4 or 8 bytes.
 
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read};
 use std::path::Path;
 
 use glam::DVec3;
-use npyz::{NpyHeader, Order};
 use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::Pose;
 use zip::ZipArchive;
 use zip::result::ZipError;
 
+use super::array::{Array, NUMBERS_MAX, parse};
+use super::clock::{Clock, Stamp};
+use super::names::nearly;
 use super::recording::Recording;
-use super::rows::{ROWS_MAX, pose_of, read_bytes, vector_of};
-use super::selection::Selection;
+use super::rows::{pose_of, read_bytes, vector_of};
+use super::selection::{Selection, TimeUnit};
 use crate::file_error::FileError;
 
-/// Most opening brackets in the header of an array. Numbers have two; the parser takes a time
-/// exponential in their depth.
-const BRACKETS_MAX: usize = 8;
-
-/// Most numbers of an array.
-const NUMBERS_MAX: usize = 7 * ROWS_MAX;
 /// Most unpacked bytes of an array: its numbers and its header.
 const ARRAY_BYTES_MAX: u64 = (8 * NUMBERS_MAX + (1 << 16)) as u64;
 /// Most arrays of an archive, counted before its directory is read.
 const ARRAYS_MAX: usize = 1000;
+/// Names of arrays.
+const KNOWN: [&str; 3] = ["poses", "time_s", "velocities"];
 /// How an entry of the directory begins.
 const DIRECTORY_ENTRY: &[u8] = b"PK\x01\x02";
 
 /// The demonstration of an archive.
 pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, FileError> {
-    let mut archive = Archive::open(path)?;
+    let mut archive = Archive::open(path, selection.length_m())?;
+    archive.check_names()?;
     let poses = archive.array("poses")?;
-    let (rows, columns) = (poses.rows, poses.columns);
+    let (rows, columns) = (poses.rows(), poses.columns());
     let manifold = match columns {
         2 => Manifold::R2,
         3 => Manifold::R3,
@@ -52,6 +51,10 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, File
         let problem = format!("expected {rows} times, one a pose, found {}", times.values.len());
         return Err(archive.refuse("time_s", problem));
     }
+    let mut clock = Clock::new(TimeUnit::S, selection.time_unit);
+    let seconds = |time: &f64| clock.seconds(Stamp::of(*time));
+    let times_s = times.values.iter().map(seconds).collect::<Result<Vec<_>, _>>();
+    let times_s = times_s.map_err(|problem| archive.refuse("time_s", problem))?;
     let velocities = archive.velocities(rows, manifold.position_dimension())?;
     let [start, goal] = selection.frames(manifold);
     let (start_frame, goal_frame) =
@@ -66,7 +69,7 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, File
         }
     }
     let pose = |i: usize| {
-        let pose = pose_of(poses.row(i));
+        let pose = pose_of(poses.row(i), archive.length_m);
         pose.map_err(|problem| archive.refuse("poses", format!("row {i}: {problem}")))
     };
     Ok(Recording {
@@ -75,9 +78,12 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, File
         start: start_frame,
         goal_frame,
         other_frames,
-        times_s: times.values,
+        times_s,
         poses: (0..rows).map(pose).collect::<Result<_, _>>()?,
         velocities,
+        notes: clock.note().into_iter().collect(),
+        ignored: archive.ignored(),
+        has_own_unit: false,
     })
 }
 
@@ -87,10 +93,12 @@ struct Archive<'a> {
     zip: ZipArchive<Cursor<Vec<u8>>>,
     /// Names of the arrays, sorted.
     names: Vec<String>,
+    /// Metres in a unit of positions [m].
+    length_m: f64,
 }
 
 impl<'a> Archive<'a> {
-    fn open(path: &'a Path) -> Result<Self, FileError> {
+    fn open(path: &'a Path, length_m: f64) -> Result<Self, FileError> {
         let bytes = read_bytes(path)?;
         let arrays = bytes.windows(4).filter(|window| *window == DIRECTORY_ENTRY).count();
         if arrays > ARRAYS_MAX {
@@ -104,19 +112,43 @@ impl<'a> Archive<'a> {
         let mut names: Vec<String> =
             files.filter_map(|file| file.strip_suffix(".npy").map(str::to_owned)).collect();
         names.sort();
-        Ok(Self { path, zip, names })
+        Ok(Self { path, zip, names, length_m })
     }
 
     fn refuse(&self, array: &str, problem: String) -> FileError {
         FileError::input(self.path, format!("array `{array}`"), problem)
     }
 
+    /// Arrays that are not read, as a list for people.
+    fn ignored(&self) -> Option<String> {
+        let others: Vec<&str> = self.others().take(8).collect();
+        (!others.is_empty()).then(|| format!("ignored: {}", others.join(", ")))
+    }
+
+    /// Names of the arrays that are not read.
+    fn others(&self) -> impl Iterator<Item = &str> {
+        let names = self.names.iter().map(String::as_str);
+        names.filter(|name| !KNOWN.contains(name) && !name.starts_with("frames/"))
+    }
+
+    /// Refuses an array that differs from a known one by case, unit or underscore.
+    fn check_names(&self) -> Result<(), FileError> {
+        for other in self.others() {
+            let like = nearly(other, &KNOWN).filter(|like| !self.names.iter().any(|n| n == like));
+            if let Some(like) = like {
+                let problem = format!("it looks like `{like}`, and would be left out: rename it");
+                return Err(self.refuse(other, problem));
+            }
+        }
+        Ok(())
+    }
+
     /// An array of finite numbers.
     fn array(&mut self, name: &str) -> Result<Array, FileError> {
         let content = self.content(name).map_err(|problem| self.refuse(name, problem))?;
-        let array = parse(&content).map_err(|problem| self.refuse(name, problem))?;
+        let array = parse(&content, 2).map_err(|problem| self.refuse(name, problem))?;
         if let Some(i) = array.values.iter().position(|x| !x.is_finite()) {
-            let (row, column) = (i / array.columns, i % array.columns);
+            let (row, column) = (i / array.columns(), i % array.columns());
             let problem = format!(
                 "expected finite numbers, found {} at row {row}, column {column}",
                 array.values[i]
@@ -153,14 +185,17 @@ impl<'a> Archive<'a> {
             return Ok(None);
         }
         let array = self.array(name)?;
-        if array.rows != rows || array.columns < columns_min {
+        if array.rows() != rows || array.columns() < columns_min {
             let problem = format!(
                 "expected {rows}×{columns_min} numbers or more columns, found {}×{}",
-                array.rows, array.columns
+                array.rows(),
+                array.columns()
             );
             return Err(self.refuse(name, problem));
         }
-        Ok(Some((0..rows).map(|i| vector_of(&array.row(i)[..columns_min])).collect()))
+        Ok(Some(
+            (0..rows).map(|i| vector_of(&array.row(i)[..columns_min]) * self.length_m).collect(),
+        ))
     }
 
     fn frame(&mut self, name: &str, manifold: Manifold) -> Result<Pose, FileError> {
@@ -170,7 +205,8 @@ impl<'a> Archive<'a> {
             let problem = format!("expected 7 numbers x y z qw qx qy qz, found {}", numbers.len());
             return Err(self.refuse(&name, problem));
         }
-        let pose = pose_of(&numbers).map_err(|problem| self.refuse(&name, problem))?;
+        let pose =
+            pose_of(&numbers, self.length_m).map_err(|problem| self.refuse(&name, problem))?;
         let tilt = pose.orientation.x.hypot(pose.orientation.y);
         if manifold == Manifold::R2 && (pose.position.z != 0.0 || tilt > 1e-3) {
             let problem = "expected z = 0 and a rotation about z for a planar skill";
@@ -178,69 +214,4 @@ impl<'a> Archive<'a> {
         }
         Ok(pose)
     }
-}
-
-/// An array of one or two axes; one axis is a column.
-#[derive(Debug)]
-struct Array {
-    rows: usize,
-    columns: usize,
-    /// Row by row.
-    values: Vec<f64>,
-}
-
-impl Array {
-    fn row(&self, i: usize) -> &[f64] {
-        &self.values[i * self.columns..(i + 1) * self.columns]
-    }
-}
-
-/// Reads an array in NumPy's own format, version 1, in which all arrays of numbers are written.
-fn parse(bytes: &[u8]) -> Result<Array, String> {
-    let wrong = |e: std::io::Error| format!("expected a NumPy array (npy): {e}");
-    let truncated = "the array is truncated";
-    let (start, rest) = bytes.split_first_chunk::<10>().ok_or(truncated)?;
-    let length = usize::from(u16::from_le_bytes([start[8], start[9]]));
-    let (text, data) = rest.split_at_checked(length).ok_or(truncated)?;
-    if start[6] != 1 || text.iter().filter(|byte| b"([{".contains(byte)).count() > BRACKETS_MAX {
-        return Err("expected a NumPy array (npy) of numbers, version 1".into());
-    }
-    let header = NpyHeader::from_reader(&bytes[..10 + length]).map_err(wrong)?;
-    let (rows, columns) = match *header.shape() {
-        [rows] => (rows, 1),
-        [rows, columns] => (rows, columns),
-        ref axes => return Err(format!("expected one or two axes, found shape {axes:?}")),
-    };
-    if rows.checked_mul(columns).is_none_or(|count| count > NUMBERS_MAX as u64) {
-        return Err(format!(
-            "expected at most {NUMBERS_MAX} numbers by its shape, found {rows}×{columns}"
-        ));
-    }
-    let descr = header.dtype().descr();
-    let numbers: Vec<f64> = match descr.trim_matches('\'') {
-        "<f8" => all(data, f64::from_le_bytes),
-        "<f4" => all(data, |b| f64::from(f32::from_le_bytes(b))),
-        "<i8" => all(data, |b| i64::from_le_bytes(b) as f64),
-        "<i4" => all(data, |b| f64::from(i32::from_le_bytes(b))),
-        kind => {
-            return Err(format!("expected numbers `<f8`, `<f4`, `<i8` or `<i4`, found `{kind}`"));
-        }
-    };
-    if rows.checked_mul(columns) != Some(numbers.len() as u64) {
-        let found = numbers.len();
-        return Err(format!("expected {rows}×{columns} numbers by its shape, found {found}"));
-    }
-    let (rows, columns) = (rows as usize, columns as usize);
-    let values = match header.order() {
-        Order::C => numbers,
-        Order::Fortran => {
-            (0..numbers.len()).map(|i| numbers[i % columns * rows + i / columns]).collect()
-        }
-    };
-    Ok(Array { rows, columns, values })
-}
-
-/// All whole numbers of N bytes each.
-fn all<const N: usize>(data: &[u8], number: impl Fn([u8; N]) -> f64) -> Vec<f64> {
-    data.as_chunks().0.iter().map(|chunk| number(*chunk)).collect()
 }

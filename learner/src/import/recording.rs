@@ -8,10 +8,12 @@ use tprmp_files::name;
 use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::Pose;
 
+use super::holes::Holes;
 use super::resampling::resample;
 use super::selection::Selection;
 use crate::demonstration::{
     DURATION_MAX_S, Demonstration, POINTS_MIN, POSITION_MAX_M, SAMPLES_MAX, SAMPLING_TIME_MIN_S,
+    diagonal, plausibility::SPAN_MAX_M,
 };
 use crate::file_error::FileError;
 
@@ -19,6 +21,8 @@ use crate::file_error::FileError;
 const TIME_MAX_S: f64 = 1e12;
 /// Fraction of the sampling time by which a sample may be early or late and still count as even.
 const JITTER_MAX: f64 = 0.1;
+/// A rate may be exceeded by this fraction without being thinned: times are rounded.
+const RATE_TOLERANCE: f64 = 1e-3;
 /// The sampling time by the velocities may differ from the declared one by this factor: noise and
 /// filters pass, a factor of two does not.
 const VELOCITY_FACTOR_MAX: f64 = 1.5;
@@ -42,6 +46,22 @@ pub(super) struct Recording {
     pub(super) poses: Vec<Pose>,
     /// Recorded velocities of the position [m/s]; as many.
     pub(super) velocities: Option<Vec<DVec3>>,
+    /// What else is to be said of it.
+    pub(super) notes: Vec<String>,
+    /// What was not read.
+    pub(super) ignored: Option<String>,
+    /// Whether its format says the unit of length, or has none.
+    pub(super) has_own_unit: bool,
+}
+
+/// A recording that was brought to even times, and what is to be said of it.
+#[derive(Debug)]
+pub(super) struct Finished {
+    pub(super) demonstration: Demonstration,
+    /// What was read, in a line.
+    pub(super) summary: String,
+    /// Holes in time.
+    pub(super) warning: Option<String>,
 }
 
 impl Recording {
@@ -49,50 +69,43 @@ impl Recording {
     ///
     /// # Errors
     /// [`FileError::Input`]: too few samples, numbers that are not finite or too large, times that
-    /// do not grow, that are uneven, or that contradict the velocities.
+    /// do not grow, that are uneven, or that contradict the velocities, motions in millimetres.
     pub(super) fn finish(
         mut self,
         path: &Path,
         skill: &str,
         name: &str,
         selection: &Selection,
-    ) -> Result<Demonstration, FileError> {
-        if selection.sampling_time_s.is_none() && self.poses.len() > SAMPLES_MAX {
-            let found = self.poses.len();
-            let problem = format!(
-                "expected at most {SAMPLES_MAX} samples, found {found}; --sampling-time-s makes fewer"
-            );
-            return Err(FileError::input(path, &self.place, problem));
-        }
+    ) -> Result<Finished, FileError> {
+        let place = self.place.clone();
+        let fail = |problem| FileError::input(path, &place, problem);
         if let Some(step) = selection.recorded_at_s {
             self.times_s = (0..self.poses.len()).map(|i| i as f64 * step).collect();
         }
-        let duration_s = self
-            .check(selection.recorded_at_s.is_some())
-            .map_err(|problem| FileError::input(path, &self.place, problem))?;
-        let (sampling_time_s, poses) = match selection.sampling_time_s {
-            Some(wanted_s) => {
-                // The ends stay where they are: the step gives way.
-                let steps = (duration_s / wanted_s).round();
-                if !(steps >= POINTS_MIN as f64 - 1.0 && steps < SAMPLES_MAX as f64) {
-                    let problem = format!(
-                        "expected a time that makes {POINTS_MIN} to {SAMPLES_MAX} samples of \
-                         {duration_s} s, found {wanted_s} s"
-                    );
-                    return Err(FileError::input(path, "option --sampling-time-s", problem));
-                }
-                let poses =
-                    resample(&self.times_s, &self.poses, steps as usize, selection.interpolation);
-                (duration_s / steps, poses)
+        if selection.drop_duplicate_stamps {
+            self.drop_duplicates();
+        }
+        let duration_s = self.check(selection.recorded_at_s.is_some()).map_err(fail)?;
+        let even_s = self.even_step_s(duration_s);
+        let holes = Holes::find(&self.times_s, &self.poses);
+        let warning = holes.warning(path);
+        let recorded = self.poses.len();
+        let steps = self.steps(path, duration_s, selection)?;
+        let (sampling_time_s, poses) = match steps {
+            Some(steps) => {
+                let poses = resample(&self.times_s, &self.poses, steps, selection.interpolation);
+                (duration_s / steps as f64, poses)
             }
-            None => {
-                let even_s = self.even_step_s(duration_s);
-                self.check_even_times(even_s)
-                    .map_err(|problem| FileError::input(path, &self.place, problem))?;
-                (even_s, self.poses)
-            }
+            None => (even_s, self.poses),
         };
-        Ok(Demonstration {
+        let summary = summary(
+            self.manifold,
+            [recorded, poses.len()],
+            [even_s, sampling_time_s],
+            &self.notes,
+            self.ignored,
+        );
+        let demonstration = Demonstration {
             name: name.into(),
             sha256: String::new(),
             skill: skill.into(),
@@ -102,7 +115,66 @@ impl Recording {
             goal_frame: self.goal_frame,
             other_frames: self.other_frames,
             poses,
-        })
+        };
+        if selection.unit.is_none() && !self.has_own_unit {
+            check_unit(&demonstration).map_err(fail)?;
+        }
+        Ok(Finished { demonstration, summary, warning })
+    }
+
+    /// Keeps the first of several samples with one time.
+    fn drop_duplicates(&mut self) {
+        let pairs = self.times_s.windows(2).map(|pair| pair[1] != pair[0]);
+        let is_new: Vec<bool> = std::iter::once(true).chain(pairs).collect();
+        let dropped = is_new.iter().filter(|is_new| !**is_new).count();
+        if dropped > 0 {
+            keep(&mut self.times_s, &is_new);
+            keep(&mut self.poses, &is_new);
+            if let Some(velocities) = &mut self.velocities {
+                keep(velocities, &is_new);
+            }
+            self.notes.push(format!("{dropped} samples of duplicate stamps dropped"));
+        }
+    }
+
+    /// Into how many steps the recording is resampled; `None` where it stays as it is.
+    fn steps(
+        &self,
+        path: &Path,
+        duration_s: f64,
+        selection: &Selection,
+    ) -> Result<Option<usize>, FileError> {
+        let even_s = self.even_step_s(duration_s);
+        let Some(wanted_s) = selection.sampling_time_s else {
+            let fail = |problem| FileError::input(path, &self.place, problem);
+            self.check_even_times(even_s).map_err(fail)?;
+            let by_rate = selection.rate_max_hz.map(|rate_hz| rate_hz * duration_s);
+            let by_count = selection.samples_max.map(|count| count.saturating_sub(1) as f64);
+            let most = by_rate.unwrap_or(f64::INFINITY).min(by_count.unwrap_or(f64::INFINITY));
+            // A recording at the rate itself has it but for rounding.
+            let is_fast = (self.poses.len() - 1) as f64 > most * (1.0 + RATE_TOLERANCE);
+            let steps = most.min(SAMPLES_MAX as f64 - 1.0).floor().max(POINTS_MIN as f64 - 1.0);
+            if is_fast || self.poses.len() > SAMPLES_MAX {
+                if most.is_infinite() {
+                    let found = self.poses.len();
+                    return Err(fail(format!(
+                        "expected at most {SAMPLES_MAX} samples, found {found}; --sampling-time-s makes fewer"
+                    )));
+                }
+                return Ok(Some(steps as usize));
+            }
+            return Ok(None);
+        };
+        // The ends stay where they are: the step gives way.
+        let steps = (duration_s / wanted_s).round();
+        if !(steps >= POINTS_MIN as f64 - 1.0 && steps < SAMPLES_MAX as f64) {
+            let problem = format!(
+                "expected a time that makes {POINTS_MIN} to {SAMPLES_MAX} samples of {duration_s} s, found \
+                 {wanted_s} s"
+            );
+            return Err(FileError::input(path, "option --sampling-time-s", problem));
+        }
+        Ok(Some(steps as usize))
     }
 
     /// The duration [s] of a sound recording. Who says how the samples were recorded has decided
@@ -114,16 +186,16 @@ impl Recording {
         }
         self.check_names_and_numbers()?;
         let duration_s = self.times_s[count - 1] - self.times_s[0];
+        let hint = "are its times in seconds? --time-unit says another unit";
         if duration_s > DURATION_MAX_S {
             return Err(format!(
-                "expected at most {DURATION_MAX_S} s, found {duration_s} s: are its times in seconds?"
+                "expected at most {DURATION_MAX_S} s, found {duration_s} s: {hint}"
             ));
         }
         let even_s = self.even_step_s(duration_s);
         if even_s < SAMPLING_TIME_MIN_S {
             return Err(format!(
-                "expected samples at least {SAMPLING_TIME_MIN_S:e} s apart, found {even_s:e} s: are its times \
-                 in seconds?"
+                "expected samples at least {SAMPLING_TIME_MIN_S:e} s apart, found {even_s:e} s: {hint}"
             ));
         }
         if !step_is_known {
@@ -141,9 +213,12 @@ impl Recording {
         for (i, found) in self.times_s.iter().enumerate() {
             let expected = self.times_s[0] + i as f64 * even_s;
             if (found - expected).abs() > JITTER_MAX * even_s {
+                let hole = Holes::find(&self.times_s, &self.poses);
+                let hole =
+                    hole.worst.map_or(String::new(), |hole| format!(", and there are {hole}"));
                 return Err(format!(
                     "expected even times {even_s:.6} s apart, but sample {i} is at {found:.6} s \
-                     instead of {expected:.6} s; --sampling-time-s makes them even"
+                     instead of {expected:.6} s{hole}; --sampling-time-s makes them even"
                 ));
             }
         }
@@ -171,8 +246,13 @@ impl Recording {
         }
         if let Some(i) = self.times_s.windows(2).position(|pair| pair[1] <= pair[0]) {
             let (before, after) = (self.times_s[i], self.times_s[i + 1]);
+            let remedy = if after == before {
+                "--drop-duplicate-stamps keeps the first of such samples"
+            } else {
+                "sort the samples by their times"
+            };
             return Err(format!(
-                "expected times that grow, found {after} s at sample {} after {before} s",
+                "expected times that grow, found {after} s at sample {} after {before} s; {remedy}",
                 i + 1
             ));
         }
@@ -210,6 +290,49 @@ impl Recording {
     }
 }
 
+/// The values that are to be kept.
+fn keep<T>(values: &mut Vec<T>, is_kept: &[bool]) {
+    let mut is_kept = is_kept.iter();
+    values.retain(|_| is_kept.next().copied().unwrap_or(true));
+}
+
+/// Refuses motions that are millimetres if anything.
+fn check_unit(demonstration: &Demonstration) -> Result<(), String> {
+    let frames = [&demonstration.start, &demonstration.goal_frame];
+    let span_m = diagonal(demonstration.poses.iter().chain(frames).map(|pose| pose.position));
+    if span_m <= SPAN_MAX_M {
+        return Ok(());
+    }
+    Err(format!(
+        "expected metres, found samples and frames {span_m:.0} m apart: --unit mm reads millimetres, --unit m \
+         takes them as they are"
+    ))
+}
+
+/// What was read, in a line; counts of samples and times between them [s] before and after resampling.
+fn summary(
+    manifold: Manifold,
+    counts: [usize; 2],
+    steps_s: [f64; 2],
+    notes: &[String],
+    ignored: Option<String>,
+) -> String {
+    let rate = |step_s: f64| {
+        let rate_hz = format!("{:.1}", 1.0 / step_s);
+        rate_hz.strip_suffix(".0").unwrap_or(&rate_hz).to_owned()
+    };
+    let [before, after] =
+        [0, 1].map(|i| format!("{} samples at {} Hz", counts[i], rate(steps_s[i])));
+    let mut parts = vec![manifold.to_string(), before.clone()];
+    if after != before {
+        let how = if counts[1] < counts[0] { "thinned" } else { "resampled" };
+        parts[1] = format!("{before} {how} to {} at {} Hz", counts[1], rate(steps_s[1]));
+    }
+    parts.extend(notes.iter().cloned());
+    parts.extend(ignored);
+    parts.join(", ")
+}
+
 /// Finite and not far away: no coordinate is NaN.
 fn is_near(vector: &DVec3) -> bool {
     vector.to_array().iter().all(|x| x.abs() <= POSITION_MAX_M)
@@ -244,6 +367,9 @@ mod tests {
             times_s,
             poses,
             velocities: None,
+            notes: Vec::new(),
+            ignored: None,
+            has_own_unit: false,
         }
     }
 
@@ -251,6 +377,7 @@ mod tests {
         let path = Path::new("demonstration.csv");
         recording
             .finish(path, "made_up", "demonstration.json", selection)
+            .map(|finished| finished.demonstration)
             .map_err(|e| e.to_string())
     }
 

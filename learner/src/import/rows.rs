@@ -24,8 +24,8 @@ pub(super) fn vector_of(row: &[f64]) -> DVec3 {
     DVec3::new(row[0], row[1], row.get(2).copied().unwrap_or(0.0))
 }
 
-/// The pose of 2, 3 or 7 numbers: x y [z [qw qx qy qz]].
-pub(super) fn pose_of(row: &[f64]) -> Result<Pose, String> {
+/// The pose of 2, 3 or 7 numbers: x y [z [qw qx qy qz]], in a unit of so many metres \[m\].
+pub(super) fn pose_of(row: &[f64], length_m: f64) -> Result<Pose, String> {
     let orientation = match row.get(3..7) {
         None => DQuat::IDENTITY,
         Some(q) => {
@@ -40,5 +40,5 @@ pub(super) fn pose_of(row: &[f64]) -> Result<Pose, String> {
             q.normalize()
         }
     };
-    Ok(Pose { position: vector_of(row), orientation })
+    Ok(Pose { position: vector_of(row) * length_m, orientation })
 }

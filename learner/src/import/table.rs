@@ -1,94 +1,123 @@
-//! A table of one demonstration: `time_s` and the columns of our own format, in any order.
+//! A table of one demonstration: times and the columns of our own format, or the joints of a robot, in any
+//! order, separated by commas, semicolons or tabs.
 //!
-//! `vx_m_s`, `vy_m_s`, `vz_m_s` are compared with the times when all of the space are there. Other
-//! columns are disregarded. `<name>.frames.json` beside `<name>.csv` holds `{"frames": {…}}`, as in
-//! our own format.
+//! `vx_m_s`, `vy_m_s`, `vz_m_s` are compared with the times when all of the space are there. Columns that
+//! are not known are named in the summary; those that are nearly known are refused.
+//! `<name>.frames.json` beside `<name>.csv` holds `{"frames": {…}}`, as in our own format.
 
-use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
 use csv::StringRecord;
-use serde::Deserialize;
-use tprmp_model::skill_model::Manifold;
 
+use super::clock::Stamp;
+use super::columns::{Columns, Wrong};
+use super::frames::FrameFile;
+use super::joints::Joints;
 use super::recording::Recording;
-use super::rows::{ROWS_MAX, pose_of, read_bytes, vector_of};
+use super::rows::{ROWS_MAX, read_bytes};
+use super::samples::Samples;
 use super::selection::Selection;
-use crate::demonstration::{FileFrame, columns, frame, other_frames};
-use crate::file_error::{FileError, read_text};
-
-#[derive(Deserialize)]
-struct Frames {
-    frames: BTreeMap<String, FileFrame>,
-}
+use crate::file_error::FileError;
 
 /// Longest line [bytes]: a thousand columns.
 const LINE_MAX: usize = 32 << 10;
 /// Most columns.
 const COLUMNS_MAX: usize = 1000;
-/// Largest file of frames [bytes].
-const FRAMES_BYTES_MAX: u64 = 1 << 20;
+/// What separates columns, and how it is called.
+const SEPARATORS: [(u8, &str); 3] = [(b',', "commas"), (b';', "semicolons"), (b'\t', "tabs")];
+/// How some programs begin a text.
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// The demonstration of a table.
-pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, FileError> {
-    let bytes = read_bytes(path)?;
-    check_lines(&bytes).map_err(|(place, problem)| FileError::input(path, place, problem))?;
-    let mut table = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes.as_slice());
+pub(super) fn read(
+    path: &Path,
+    joints: Option<&mut Joints>,
+    selection: &Selection,
+) -> Result<Recording, FileError> {
+    let refuse = |place: String, problem: String| FileError::input(path, place, problem);
+    let all = read_bytes(path)?;
+    let bytes = all.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&all);
+    check_lines(bytes).map_err(|(place, problem)| refuse(place, problem))?;
+    let (separator, separator_name) = separator(bytes);
+    let mut reader = csv::ReaderBuilder::new();
+    let mut table = reader.trim(csv::Trim::All).delimiter(separator).from_reader(bytes);
     let malformed = |e: csv::Error| {
         let line = e.position().map_or(1, csv::Position::line);
-        let problem = format!("expected a table of text, found: {e}");
-        FileError::input(path, format!("line {line}"), problem)
+        refuse(format!("line {line}"), format!("expected a table of text, found: {e}"))
     };
-    let header = Header::new(table.headers().map_err(malformed)?, path)?;
-    let manifold = header.manifold();
-    let speeds = &["vx_m_s", "vy_m_s", "vz_m_s"][..manifold.position_dimension()];
-    let time_column = header.find(&["time_s"])?;
-    let pose_columns = header.find(columns(manifold))?;
-    let speed_columns = if header.has(speeds) { header.find(speeds)? } else { Vec::new() };
+    let names = header(table.headers().map_err(malformed)?)
+        .map_err(|problem| refuse("line 1".into(), problem))?;
+    let in_column = |(column, problem): Wrong| refuse(format!("column `{column}`"), problem);
+    let joint_names = joints.as_ref().map(|joints| &joints.names[..]);
+    let columns = Columns::find(&names, joint_names, true, selection).map_err(in_column)?;
+    let time = columns.time.map_or(0, |(time, _)| time);
 
-    let (mut times_s, mut poses, mut velocities) = (Vec::new(), Vec::new(), Vec::new());
+    let mut samples = Samples::new(&columns, joints, selection);
     for record in table.records() {
         let record = record.map_err(malformed)?;
         let line = record.position().map_or(0, csv::Position::line);
-        let numbers = |columns| {
-            numbers(&record, columns).map_err(|(column, problem)| {
-                FileError::input(path, format!("line {line}, column `{column}`"), problem)
-            })
-        };
-        if times_s.len() == ROWS_MAX {
+        if samples.len() == ROWS_MAX {
             let problem =
                 format!("expected at most {ROWS_MAX} rows, found more; record fewer a second");
-            return Err(FileError::input(path, format!("line {line}"), problem));
+            return Err(refuse(format!("line {line}"), problem));
         }
-        times_s.push(numbers(&time_column)?[0]);
-        poses.push(pose_of(&numbers(&pose_columns)?).map_err(|problem| {
-            let place = format!("line {line}, columns `qw`, `qx`, `qy`, `qz`");
-            FileError::input(path, place, problem)
-        })?);
-        if !speed_columns.is_empty() {
-            velocities.push(vector_of(&numbers(&speed_columns)?));
-        }
+        let cell = |i: usize| record.get(i).unwrap_or_default();
+        let number = |i: usize| {
+            let number = cell(i).parse::<f64>().ok().filter(|x| x.is_finite());
+            number.ok_or_else(|| (names[i].clone(), not_a_number(cell(i))))
+        };
+        let stamp = Stamp::parse(cell(time));
+        let stamp = stamp.ok_or_else(|| (names[time].clone(), not_a_number(cell(time))));
+        stamp.and_then(|stamp| samples.push(stamp, number)).map_err(|(column, problem)| {
+            refuse(format!("line {line}, column `{column}`"), problem)
+        })?;
     }
-
-    let frames_path = path.with_extension("frames.json");
-    let frames: Frames = serde_json::from_str(&read_text(&frames_path, FRAMES_BYTES_MAX)?)
-        .map_err(|e| FileError::syntax(&frames_path, e.line(), e.column(), e.to_string()))?;
-    let [start, goal] = selection.frames(manifold);
-    Ok(Recording {
-        place: "rows".into(),
-        manifold,
-        start: frame(&frames.frames, &start, manifold, &frames_path)?,
-        goal_frame: frame(&frames.frames, &goal, manifold, &frames_path)?,
-        other_frames: other_frames(&frames.frames, [&start, &goal], manifold, &frames_path)?,
-        times_s,
-        poses,
-        velocities: (!speed_columns.is_empty()).then_some(velocities),
-    })
+    let goal_is_known = !columns.frames.is_empty() || selection.frame_at_closing.is_some();
+    let file = FrameFile::read(&path.with_extension("frames.json"), !goal_is_known, selection)?;
+    let mut recording = samples.finish(path, "rows", file.as_ref().map(|file| (file, 0)))?;
+    if separator != b',' {
+        recording.notes.push(format!("columns separated by {separator_name}"));
+    }
+    Ok(recording)
 }
 
-/// Refuses a line of more columns than a recording has before it is taken apart, and one that ends in
-/// quotes: a row of any length could follow.
+/// What was expected in place of a cell.
+fn not_a_number(cell: &str) -> String {
+    let comma = cell.contains(',') && cell.replace(',', ".").parse::<f64>().is_ok();
+    let hint = if comma { "; export with decimal points" } else { "" };
+    format!("expected a finite number, found `{cell}`{hint}")
+}
+
+/// What separates the columns: the separator that the first line has most of.
+fn separator(bytes: &[u8]) -> (u8, &'static str) {
+    let line = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
+    let count = |separator: u8| line.iter().filter(|byte| **byte == separator).count();
+    // Of several as frequent ones the last is taken, and commas stand last here.
+    SEPARATORS.into_iter().rev().max_by_key(|(byte, _)| count(*byte)).unwrap_or(SEPARATORS[0])
+}
+
+/// The names of the columns.
+fn header(record: &StringRecord) -> Result<Vec<String>, String> {
+    if record.len() > COLUMNS_MAX {
+        return Err(format!("expected at most {COLUMNS_MAX} columns, found {}", record.len()));
+    }
+    let is_number = |name: &str| name.parse::<f64>().is_ok();
+    if !record.is_empty() && record.iter().all(is_number) {
+        return Err(
+            "expected a header with the names of the columns, found numbers: write one, for \
+                    example `time_s,x_m,y_m,z_m,qw,qx,qy,qz`"
+                .into(),
+        );
+    }
+    Ok(record.iter().map(str::to_owned).collect())
+}
+
+/// Refuses a text of another encoding, a line of more columns than a recording has before it is taken apart,
+/// and one that ends in quotes: a row of any length could follow.
 fn check_lines(bytes: &[u8]) -> Result<(), (String, String)> {
+    if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
+        return Err(("line 1".into(), "expected UTF-8, found UTF-16: save it as UTF-8".into()));
+    }
     for (i, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
         let place = || format!("line {}", i + 1);
         if line.len() > LINE_MAX {
@@ -100,70 +129,4 @@ fn check_lines(bytes: &[u8]) -> Result<(), (String, String)> {
         }
     }
     Ok(())
-}
-
-/// A column's name and its place in a row.
-type Column = (String, usize);
-
-/// The names of a table's columns.
-struct Header<'a> {
-    path: &'a Path,
-    names: Vec<&'a str>,
-}
-
-impl<'a> Header<'a> {
-    fn new(record: &'a StringRecord, path: &'a Path) -> Result<Self, FileError> {
-        // Some programs begin a text with a byte order mark.
-        let names: Vec<_> = record.iter().map(|name| name.trim_start_matches('\u{feff}')).collect();
-        let header = Self { path, names };
-        if header.names.len() > COLUMNS_MAX {
-            let problem =
-                format!("expected at most {COLUMNS_MAX} columns, found {}", header.names.len());
-            return Err(FileError::input(path, "line 1", problem));
-        }
-        let mut before = HashSet::new();
-        match header.names.iter().find(|name| !before.insert(**name)) {
-            Some(twice) => Err(header.refuse(twice, "expected it once, found it again")),
-            None => Ok(header),
-        }
-    }
-
-    fn refuse(&self, column: &str, problem: impl Into<String>) -> FileError {
-        FileError::input(self.path, format!("column `{column}`"), problem)
-    }
-
-    fn has(&self, all: &[&str]) -> bool {
-        all.iter().all(|name| self.names.contains(name))
-    }
-
-    fn manifold(&self) -> Manifold {
-        match (self.has(&["qw"]), self.has(&["z_m"])) {
-            (true, _) => Manifold::R3S3,
-            (_, true) => Manifold::R3,
-            _ => Manifold::R2,
-        }
-    }
-
-    fn find(&self, wanted: &[&str]) -> Result<Vec<Column>, FileError> {
-        let find = |name: &&str| {
-            let found = self.names.iter().position(|n| n == name);
-            found.map(|at| ((*name).to_owned(), at)).ok_or_else(|| {
-                let expected = columns(self.manifold()).join(", ");
-                let found = self.names.join(", ");
-                let problem = format!("expected a header with time_s, {expected}, found {found}");
-                self.refuse(name, problem)
-            })
-        };
-        wanted.iter().map(find).collect()
-    }
-}
-
-/// Finite numbers of a row, or the column that has none and what was expected.
-fn numbers(record: &StringRecord, columns: &[Column]) -> Result<Vec<f64>, (String, String)> {
-    let number = |(name, at): &Column| {
-        let text = record.get(*at).unwrap_or_default();
-        let number = text.parse::<f64>().ok().filter(|x| x.is_finite());
-        number.ok_or_else(|| (name.clone(), format!("expected a finite number, found `{text}`")))
-    };
-    columns.iter().map(number).collect()
 }

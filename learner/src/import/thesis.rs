@@ -147,7 +147,7 @@ fn recording(
     };
     let columns = columns(manifold);
     let sample = |(j, Row(row)): (usize, &Row<f64>)| {
-        let pose = if row.len() == columns.len() { pose_of(row).ok() } else { None };
+        let pose = if row.len() == columns.len() { pose_of(row, 1.0).ok() } else { None };
         pose.ok_or_else(|| {
             (format!("{key}.positions[{j}]"), format!("expected {columns:?}, found {row:?}"))
         })
@@ -161,11 +161,14 @@ fn recording(
         times_s: (0..foreign.positions.len()).map(|i| i as f64 * dt).collect(),
         poses: foreign.positions.iter().enumerate().map(sample).collect::<Result<_, _>>()?,
         velocities: None,
+        notes: Vec::new(),
+        ignored: None,
+        has_own_unit: true,
     })
 }
 
 fn spatial_pose(frame: &ForeignFrame) -> Option<Pose> {
-    pose_of(&[&frame.position?[..], &frame.quaternion?].concat()).ok()
+    pose_of(&[&frame.position?[..], &frame.quaternion?].concat(), 1.0).ok()
 }
 
 fn planar_pose(frame: &ForeignFrame) -> Option<Pose> {

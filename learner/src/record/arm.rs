@@ -11,16 +11,22 @@ use tprmp_spatial::Pose;
 use super::error::RecordError;
 use crate::file_error::FileError;
 
+/// Joint positions \[rad or m\]; those beyond the arm's number of joints are not looked at.
+pub(crate) type Positions = [f64; JOINT_CAPACITY];
+
 /// An arm of any number of joints.
-pub(super) trait Arm {
+pub(crate) trait Arm {
     /// Number of joints.
     fn joints(&self) -> usize;
 
-    /// Whether a joint slides; it rotates otherwise.
-    fn slides(&self, joint: usize) -> bool;
+    /// Whether joint `i` rotates; the others slide.
+    fn rotates(&self, i: usize) -> bool;
+
+    /// Least and greatest position of joint `i` \[rad or m\].
+    fn limits(&self, i: usize) -> [f64; 2];
 
     /// X_BE, the pose of the tool in the base frame, at joint positions [rad or m].
-    fn tool_pose(&mut self, position: &[f64; JOINT_CAPACITY]) -> Pose;
+    fn tool_pose(&mut self, position: &Positions) -> Pose;
 }
 
 struct Serial<const N: usize> {
@@ -33,11 +39,15 @@ impl<const N: usize> Arm for Serial<N> {
         N
     }
 
-    fn slides(&self, joint: usize) -> bool {
-        self.chain.joint_kind(joint) == Some(JointKind::Prismatic)
+    fn rotates(&self, i: usize) -> bool {
+        self.chain.joint_kind(i) == Some(JointKind::Revolute)
     }
 
-    fn tool_pose(&mut self, position: &[f64; JOINT_CAPACITY]) -> Pose {
+    fn limits(&self, i: usize) -> [f64; 2] {
+        [self.chain.position_lower()[i], self.chain.position_upper()[i]]
+    }
+
+    fn tool_pose(&mut self, position: &Positions) -> Pose {
         let q = SVector::from_fn(|i, _| position[i]);
         forward_kinematics(&self.chain, &q, &mut self.kinematics);
         self.kinematics.tool_pose()
@@ -45,7 +55,7 @@ impl<const N: usize> Arm for Serial<N> {
 }
 
 /// Reads the arm that a controller's configuration names.
-pub(super) fn read(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, RecordError> {
+pub(crate) fn read(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, RecordError> {
     match count_joints(&robot.urdf, robot.selection())? {
         2 => serial::<2>(config, robot),
         3 => serial::<3>(config, robot),
@@ -90,7 +100,7 @@ mod tests {
         let (path, robot) = shipped("planar.ron");
         let mut arm = read(&path, &robot).unwrap();
         assert_eq!(arm.joints(), 2);
-        assert!(arm.slides(0) && arm.slides(1));
+        assert!(!arm.rotates(0) && !arm.rotates(1));
         let mut position = [9.0; JOINT_CAPACITY];
         position[..2].copy_from_slice(&[0.25, -0.5]);
         let pose = arm.tool_pose(&position);
@@ -101,7 +111,7 @@ mod tests {
     fn joints_that_the_description_does_not_have_are_refused_by_name() {
         let (path, mut robot) = shipped("ur5_pick.ron");
         let arm = read(&path, &robot).unwrap();
-        assert!(arm.joints() == 6 && !(0..6).any(|joint| arm.slides(joint)));
+        assert!(arm.joints() == 6 && (0..6).all(|joint| arm.rotates(joint)));
         robot.joints[1] = "no_such_joint".into();
         let message = read(&path, &robot).err().unwrap().to_string();
         for part in ["ur5_pick.ron", "robot.joints", "no_such_joint", "shoulder_lift_joint"] {

@@ -33,7 +33,7 @@ impl JointNoise {
         for joint in 0..arm.joints() {
             let numbers: Vec<f64> = self.newest.iter().map(|position| position[joint]).collect();
             let of_joint = noise(&numbers);
-            noisiest = noisiest.max(match arm.slides(joint) {
+            noisiest = noisiest.max(match !arm.rotates(joint) {
                 true => Extent { m: of_joint, rad: 0.0 },
                 false => Extent { m: 0.0, rad: of_joint },
             });

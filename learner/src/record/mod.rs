@@ -8,7 +8,7 @@
 //! what it sees, `joint_noise` with it, and what it waits for.
 
 mod announcer;
-mod arm;
+pub(crate) mod arm;
 mod bounds;
 mod cut;
 mod error;
