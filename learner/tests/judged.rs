@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::skill_file;
+use common::{arcs, skill, skill_file};
 use glam::{DQuat, DVec3};
 use tprmp_learner::alignment::align;
 use tprmp_learner::demonstration::{Demonstration, consistency, read_folder};
@@ -118,19 +118,25 @@ fn ends_that_do_not_fit_are_told() {
 
 #[test]
 fn two_ways_between_the_same_ends_are_told() {
-    let (skill, mut demonstrations) = pick();
-    for (i, demonstration) in demonstrations.iter_mut().enumerate() {
-        let aside = if i < 4 { 0.08 } else { -0.08 };
-        let count = demonstration.poses.len() as f64;
-        for (k, pose) in demonstration.poses.iter_mut().enumerate() {
-            let bulge = (std::f64::consts::PI * k as f64 / (count - 1.0)).sin().powi(2);
-            pose.position.x += aside * bulge;
+    let mut demonstrations = arcs(Manifold::R2);
+    let mut mirrored = demonstrations.clone();
+    for (i, demonstration) in mirrored.iter_mut().enumerate() {
+        demonstration.name = format!("mirrored_{i}.json");
+        let start = demonstration.poses[0].position;
+        let along = (demonstration.goal_frame.position - start).normalize();
+        for pose in &mut demonstration.poses {
+            let from_start = pose.position - start;
+            pose.position = start + 2.0 * along * along.dot(from_start) - from_start;
         }
     }
-    let trained = learn(&skill, &demonstrations, 1, &mut |_| {}).unwrap();
-    let told = |w: &&String| w.contains("take two paths") && w.contains("`04.json` and");
-    let warnings = &trained.warnings;
-    assert!(warnings.iter().any(|w| told(&w)), "{warnings:?}");
+    demonstrations.extend(mirrored);
+    let trained = learn(&skill("planar.ron"), &demonstrations, 1, &mut |_| {}).unwrap();
+    let told =
+        |w: &String| w.contains("take two paths") && w.contains("`mirrored_0.json`, `mirrored_1");
+    assert!(trained.warnings.iter().any(told), "{:?}", trained.warnings);
+    // Each of them alone is one.
+    let trained = learn(&skill("planar.ron"), &demonstrations[..3], 1, &mut |_| {}).unwrap();
+    assert!(!trained.warnings.iter().any(|w| w.contains("take two")), "{:?}", trained.warnings);
 }
 
 #[test]

@@ -162,10 +162,12 @@ impl Seen {
         let (first, last) = (first.min(count - 1), count - 1 - last.min(count - 1));
         let long = last >= first + POINTS_MIN - 1;
         let moving = if long { first..last + 1 } else { 0..count };
-        let slow = runs(count, |i| moving.contains(&i) && speeds[i] < rest_speed);
+        // Sampled steps tell when exactly it stops, smoothed speeds see through noise.
+        let stands = |i: usize| i > 0 && i + 1 < count && steps[i - 1].max(steps[i]) < strict[1];
+        let slow = runs(count, |i| moving.contains(&i) && (speeds[i] < rest_speed || stands(i)));
         let still = |run: &Range<usize>| {
             let (begins, ends) = (place(run.start), place(run.end - 1));
-            let strictly = run.clone().all(|i| speeds[i] < strict[0]);
+            let strictly = run.clone().all(|i| speeds[i] < strict[0] || stands(i));
             let inside = run.start > moving.start && run.end < moving.end;
             inside && (strictly || apart(begins, ends) < 2.0 * radius)
         };

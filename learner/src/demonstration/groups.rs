@@ -75,10 +75,10 @@ mod tests {
                     (0..count).map(|_| (0..3).map(|_| normal()).collect()).collect();
                 split += usize::from(two_groups(&one).is_some_and(|groups| groups.smaller() > 1));
                 let mut two = one.clone();
-                two[..count / 2].iter_mut().for_each(|p| p[1] += 20.0);
+                two[..count / 2].iter_mut().for_each(|p| p[1] += 40.0);
                 let groups = two_groups(&two).expect("two groups");
                 assert_eq!(groups.smaller(), count / 2);
-                assert!((groups.distance - 20.0).abs() < 5.0, "{}", groups.distance);
+                assert!((groups.distance - 40.0).abs() < 5.0, "{}", groups.distance);
             }
         }
         assert!(split < 10, "{split} of 800 split");

@@ -54,7 +54,8 @@ impl Skill {
             && !(is(SCHEMA) || is(SCHEMA_BEFORE))
         {
             let problem = format!(
-                "expected `{SCHEMA}`, found `{found}`; take what is new in it from the skill files in \
+                "expected `{SCHEMA}`, found `{found}`; new since then are the groups `frame_map` and \
+                 `alignment`, and numbers in `fit` and `certification`: take them from the skill files in \
                  config/skills"
             );
             return Err(FileError::key(path, "schema", problem));

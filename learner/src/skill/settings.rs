@@ -130,7 +130,7 @@ impl AlignmentSettings {
             pause_min_s: 0.25,
             places: 150,
             rounds: 10,
-            stiffness: 5.0,
+            stiffness: 10.0,
             width: 0.03,
             agreement_floor: 0.03,
         }
