@@ -199,8 +199,8 @@ impl Collector<'_> {
             let mut conditions = self.still.clone();
             let (angle, radius): (f64, f64) =
                 (random.random_range(0.0..TAU), random.random::<f64>().sqrt());
-            conditions.start.pose.position +=
-                DVec3::new(angle.cos(), angle.sin(), 0.0) * (radius * START_NOISE_M * conditions.scale);
+            conditions.start.pose.position += DVec3::new(angle.cos(), angle.sin(), 0.0)
+                * (radius * START_NOISE_M * conditions.scale);
             self.add(Experiment::StartNoise, Setting::NoisyStart, compared, i, conditions);
         }
     }

@@ -187,7 +187,11 @@ impl Setting {
                 | Self::Circle(_)
                 | Self::Ball(_)
         );
-        if scaled && scale != 1.0 { format!("{self}, × {}", number(scale)) } else { self.to_string() }
+        if scaled && scale != 1.0 {
+            format!("{self}, × {}", number(scale))
+        } else {
+            self.to_string()
+        }
     }
 
     /// The varied number.
@@ -248,3 +252,18 @@ macro_rules! display {
     };
 }
 display!(Space PolicyKind Experiment);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_setting_says_by_what_its_lengths_are_multiplied() {
+        assert_eq!(Setting::Circle(0.5).words(1.0), "r = 0.5 m");
+        assert_eq!(Setting::Circle(0.5).words(0.02), "r = 0.5 m, × 0.02");
+        assert_eq!(Setting::Force(10.0).words(0.02), "10 N, × 0.02");
+        assert_eq!(Setting::TurnedEnd(30.0).words(0.02), "end frame turned by 30°");
+        assert_eq!(Setting::Grid(35).words(0.02), "35 × 35 starts");
+        assert_eq!(Experiment::Obstacle.tolerance(0.02)[0], 0.01 * 0.02);
+    }
+}

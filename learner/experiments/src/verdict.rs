@@ -57,7 +57,11 @@ fn mm(metres: f64) -> String {
 
 /// A length that is required.
 fn length(metres: f64) -> String {
-    if metres < 0.1 { format!("{} mm", number(metres * 1e3)) } else { format!("{} m", number(metres)) }
+    if metres < 0.1 {
+        format!("{} mm", number(metres * 1e3))
+    } else {
+        format!("{} m", number(metres))
+    }
 }
 
 fn within(row: &Row, metres: f64) -> bool {
@@ -103,7 +107,9 @@ pub(crate) fn reproduction(rows: &[Row], figures: &[Published]) -> Verdict {
 /// in space.
 pub(crate) fn verdicts(rows: &[Row], models: &Models, components: [usize; 2]) -> Vec<Verdict> {
     let own = |row: &&Row| row.policy == PolicyKind::Canonical;
-    let scale = |space| rows.iter().find(|row| row.experiment.space() == space).map_or(1.0, |row| row.scale);
+    let scale = |space| {
+        rows.iter().find(|row| row.experiment.space() == space).map_or(1.0, |row| row.scale)
+    };
     let mut table = Table {
         rows: rows.iter().filter(own).collect(),
         components,
@@ -167,7 +173,11 @@ impl<'a> Table<'a> {
         let n = rows.len();
         self.verdicts.push(Verdict {
             requirement: requirement.into(),
-            measured: if n == 0 { UNMEASURED.into() } else { format!("{}{unit}, n = {n}", number(value)) },
+            measured: if n == 0 {
+                UNMEASURED.into()
+            } else {
+                format!("{}{unit}, n = {n}", number(value))
+            },
             holds: (n > 0).then_some(value <= most),
             failures: Vec::new(),
         });
@@ -202,7 +212,8 @@ impl<'a> Table<'a> {
 
     fn goals(&mut self) {
         use Experiment::{
-            Adaptation, Disturbance, DisturbanceStill, Radius, StartNoise, StaticGoal, TurnedFrames, TurningFrames,
+            Adaptation, Disturbance, DisturbanceStill, Radius, StartNoise, StaticGoal,
+            TurnedFrames, TurningFrames,
         };
         let scale = self.scales[0];
         let radii = [0.1, 0.9].map(|radius_m| length(radius_m * scale)).join(" … ");

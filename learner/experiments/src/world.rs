@@ -323,6 +323,21 @@ mod tests {
     }
 
     #[test]
+    fn the_thesis_stop_and_rest_scale_with_the_skill() {
+        let small = |scale: f64| {
+            let mut conditions = Conditions { scale, ..conditions() };
+            conditions.frames[1].position *= 0.05;
+            run(&mut Spring, &conditions)
+        };
+        let (large, scaled, unscaled) = (run(&mut Spring, &conditions()), small(0.05), small(1.0));
+        assert_eq!(scaled.stopped_at, large.stopped_at);
+        assert_eq!(scaled.path.len(), large.path.len());
+        assert!((scaled.own_goal_error_m / large.own_goal_error_m / 0.05 - 1.0).abs() < 1e-9);
+        // On a drawing of 5 cm the thesis' own bound stops too early.
+        assert!(unscaled.own_goal_error_m > 10.0 * scaled.own_goal_error_m);
+    }
+
+    #[test]
     fn what_flies_away_has_diverged() {
         let push = Push { force_n: 1e9, during_s: [0.0, 10.0], as_published: false };
         let outcome = run(&mut Spring, &Conditions { push: Some(push), ..conditions() });

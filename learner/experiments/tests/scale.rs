@@ -78,7 +78,12 @@ fn scaled(row: &Value) -> Vec<(String, Option<f64>, i32)> {
     let mut add = |name: &str, value: &Value, power| {
         numbers.push((name.to_owned(), value.as_f64(), power));
     };
-    for name in ["goal_error_m", "clearance_min_m", "acceleration_max_m_s2", "demonstrated_acceleration_max_m_s2"] {
+    for name in [
+        "goal_error_m",
+        "clearance_min_m",
+        "acceleration_max_m_s2",
+        "demonstrated_acceleration_max_m_s2",
+    ] {
         add(name, &row[name], 1);
     }
     // Beside an obstacle it is one or zero.
@@ -132,5 +137,5 @@ fn a_smaller_data_set_gives_the_same_results_as_much_smaller() {
         }
     }
     assert!(differ.is_empty(), "{} of {compared:?}:\n{}", differ.len(), differ.join("\n"));
-    assert!(compared.len() == 17 && compared.values().all(|count| *count > 3), "{compared:?}");
+    assert!(compared.len() == 17 && compared.values().all(|count| *count >= 3), "{compared:?}");
 }

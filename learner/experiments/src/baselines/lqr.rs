@@ -74,8 +74,8 @@ impl Lqr {
             let Pose { position, orientation } = frame.pose;
             let [x, y] = [DVec3::X, DVec3::Y].map(|axis| orientation * axis);
             let rotation = Matrix2::new(x.x, y.x, x.y, y.y);
-            let in_world =
-                rotation * covariance * rotation.transpose() + Matrix2::identity() * self.precision_m2;
+            let in_world = rotation * covariance * rotation.transpose()
+                + Matrix2::identity() * self.precision_m2;
             let own = in_world.try_inverse().unwrap_or_else(Matrix2::identity);
             precision += own;
             weighted += own * (rotation * mean + Vector2::new(position.x, position.y));

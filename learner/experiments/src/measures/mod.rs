@@ -95,10 +95,8 @@ mod tests {
     fn lengths_scale_and_areas_with_their_square() {
         let (a, b) = (line(40, 0.2), line(60, 0.0));
         let small = |points: &[DVec3]| points.iter().map(|p| *p * 0.02).collect::<Vec<_>>();
-        let [large, small] = [
-            Measures::of(&a, &b, 0.01, true),
-            Measures::of(&small(&a), &small(&b), 0.01, true),
-        ];
+        let [large, small] =
+            [Measures::of(&a, &b, 0.01, true), Measures::of(&small(&a), &small(&b), 0.01, true)];
         for (large, small, scale) in [
             (large.rmse_m, small.rmse_m, 0.02),
             (large.dtw_m, small.dtw_m, 0.02),

@@ -160,15 +160,23 @@ fn grid(rows: &[&Row]) -> Table {
              ({} % of it).",
             number(100.0 * REACHED_FRACTION)
         ),
-        head: ["policy", "starts at the goal", "fraction [%]", "least of a skill [%]", "skills with all"]
-            .map(Into::into)
-            .into(),
+        head: [
+            "policy",
+            "starts at the goal",
+            "fraction [%]",
+            "least of a skill [%]",
+            "skills with all",
+        ]
+        .map(Into::into)
+        .into(),
         rows: policies.into_iter().map(row).collect(),
     }
 }
 
-const PUSHED: [(Experiment, &str); 2] =
-    [(Experiment::DisturbanceStill, "goal at rest"), (Experiment::Disturbance, "goal on its circle")];
+const PUSHED: [(Experiment, &str); 2] = [
+    (Experiment::DisturbanceStill, "goal at rest"),
+    (Experiment::Disturbance, "goal on its circle"),
+];
 
 /// Quantile of the distance to the path at one of [`AFTER_PUSH_S`] [% of the size].
 fn tube_percent(own: &[&Row], time: usize, fraction: f64) -> Option<f64> {

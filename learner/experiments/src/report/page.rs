@@ -81,7 +81,7 @@ fn scales(run: &Run) -> String {
     let sentence = |set: &SkillSet| {
         format!(
             "The lengths, speeds and forces of the experiments ({}) are the thesis' × {}: so many times as large \
-             are the skills, by the median. ",
+             are the skills, by the median. Titles name the thesis'. ",
             set.space(),
             number(set.scale())
         )
