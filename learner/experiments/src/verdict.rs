@@ -64,6 +64,11 @@ fn length(metres: f64) -> String {
     }
 }
 
+/// A number of any size with three digits at least.
+fn figure(value: f64) -> String {
+    if value.abs() < 1e-3 && value != 0.0 { format!("{value:.2e}") } else { number(value) }
+}
+
 fn within(row: &Row, metres: f64) -> bool {
     row.goal_error_m.is_some_and(|error| error <= metres * row.scale)
 }
@@ -176,7 +181,7 @@ impl<'a> Table<'a> {
             measured: if n == 0 {
                 UNMEASURED.into()
             } else {
-                format!("{}{unit}, n = {n}", number(value))
+                format!("{}{unit}, n = {n}", figure(value))
             },
             holds: (n > 0).then_some(value <= most),
             failures: Vec::new(),
@@ -203,7 +208,7 @@ impl<'a> Table<'a> {
                 let most = most * scale * scale;
                 let requirement = format!(
                     "tracking, {whose}: {which} time-aligned MSE at most {} m²",
-                    number(most)
+                    figure(most)
                 );
                 self.at_most(&requirement, rows, mse, most, " m²");
             }

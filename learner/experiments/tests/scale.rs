@@ -68,6 +68,15 @@ fn rows(factor: f64) -> Vec<Value> {
         .unwrap();
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{errors}");
+    let printed = String::from_utf8_lossy(&output.stdout);
+    let page = std::fs::read_to_string(path("out/report.html")).unwrap();
+    for title in [
+        "Like the demonstrations, in the plane",
+        "Starts all over the workspace",
+        "Distance to the demonstrated path after a push",
+    ] {
+        assert!(printed.contains(title) && page.contains(title), "{title}: {printed}");
+    }
     let text = std::fs::read_to_string(path("out/results.json")).unwrap();
     serde_json::from_str(&text).unwrap()
 }

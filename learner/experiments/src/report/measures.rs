@@ -7,7 +7,8 @@ use tprmp_drawing::{
     Cell, Figure, GREY, Page, Panel, Picture, Sign, Stroke, decades, number, quantile,
 };
 
-use crate::experiment::{Experiment, PolicyKind};
+use crate::case::Extent;
+use crate::experiment::{Experiment, PolicyKind, Setting};
 use crate::grid::REACHED_FRACTION;
 use crate::measures::{Measures, SAMPLES};
 use crate::report::content::Run;
@@ -135,6 +136,9 @@ fn likeness(rows: &[&Row], experiment: Experiment, title: &'static str) -> Table
 fn grid(rows: &[&Row]) -> Table {
     let policies = by_policy(rows, Experiment::GridStarts);
     let setting = policies.first().map_or(String::new(), |(_, own)| own[0].setting.clone());
+    let full = Setting::Grid(Extent::full().grid).to_string();
+    let look =
+        if setting == full { String::new() } else { format!(" (a quick look; in full {full})") };
     let percent = |[reached, all]: [u32; 2]| 100.0 * f64::from(reached) / f64::from(all);
     let row = |(policy, own): (PolicyKind, Vec<&Row>)| {
         let starts = || own.iter().filter_map(|row| Some((row.starts_reached?, row)));
@@ -155,7 +159,7 @@ fn grid(rows: &[&Row]) -> Table {
     Table {
         title: "Starts all over the workspace",
         note: format!(
-            "{setting} a skill, at rest, on the box around the demonstrations with sides longer by 30 %, with the \
+            "{setting} a skill{look}, at rest, on the box around the demonstrations with sides longer by 30 %, with the \
              frames of the first demonstration: how many end within 2 mm of the goal for 50 mm of the skill's size \
              ({} % of it).",
             number(100.0 * REACHED_FRACTION)
@@ -295,6 +299,7 @@ mod tests {
     fn starts_add_up_over_the_skills() {
         let of = |skill: &str, reached| Row {
             skill: skill.into(),
+            setting: Setting::Grid(2).to_string(),
             reached: reached == 4,
             starts_reached: Some([reached, 4]),
             ..row(Experiment::GridStarts, PolicyKind::Dmp)
@@ -302,6 +307,9 @@ mod tests {
         let rows = [of("S", 4), of("U", 1)];
         let table = grid(&rows.iter().collect::<Vec<_>>());
         assert_eq!(table.rows, [["dmp", "5 of 8", "62.5", "25 (U)", "1 of 2"]]);
+        assert!(
+            table.note.starts_with("2 × 2 starts a skill (a quick look; in full 35 × 35 starts)")
+        );
     }
 
     #[test]
