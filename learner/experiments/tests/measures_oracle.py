@@ -39,8 +39,7 @@ def smooth(random, count, dimensions):
     amplitudes = [random.normal(size=dimensions) / k for k in waves]
     phases = [random.uniform(0.0, 2.0 * np.pi, size=dimensions) for _ in waves]
     return sum(
-        a * np.sin(np.pi * k * times + p)
-        for k, a, p in zip(waves, amplitudes, phases, strict=True)
+        a * np.sin(np.pi * k * times + p) for k, a, p in zip(waves, amplitudes, phases, strict=True)
     )
 
 

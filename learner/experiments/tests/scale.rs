@@ -12,27 +12,39 @@ use folder::Folder;
 const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config");
 /// How much smaller the second data set is.
 const FACTOR: f64 = 0.02;
-/// What differs by less does not differ: relative to the value, and to the skill's size.
+/// What differs by less does not differ: relative to the value, and at full size [m, and so on].
 const RELATIVE: f64 = 1e-3;
-const OF_SIZE: f64 = 1e-6;
+const ABSOLUTE: f64 = 1e-6;
 /// Beside an obstacle, clearance and acceleration depend on a clearance of the goal that is in the controller's steering,
 /// 2 cm for bodies of any size.
-const BESIDE_OBSTACLE: f64 = 0.3;
-/// Of the shipped drawings one is enough.
-const SKILL: &str = "S";
+const BESIDE_OBSTACLE: f64 = 0.5;
+/// Of the shipped skills these, and of each so many demonstrations: enough for every experiment.
+const SKILLS: [&str; 2] = ["drawings/S", "pick"];
+const DEMONSTRATIONS: usize = 4;
 
-/// Writes a skill's demonstrations, larger by a factor.
+/// Writes the demonstrations of the skills, larger by a factor.
 fn write_scaled(folder: &Folder, factor: f64) {
-    let from = Path::new(CONFIG).join("demonstrations/drawings").join(SKILL);
-    for entry in std::fs::read_dir(from).unwrap() {
-        let path = entry.unwrap().path();
-        let mut file: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
-        for frame in file["frames"].as_object_mut().unwrap().values_mut() {
-            scale(&mut frame["position_m"], factor);
+    for skill in SKILLS {
+        let from = Path::new(CONFIG).join("demonstrations").join(skill);
+        for number in 1..=DEMONSTRATIONS {
+            let path = from.join(format!("{number:02}.json"));
+            let mut file: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+            for frame in file["frames"].as_object_mut().unwrap().values_mut() {
+                scale(&mut frame["position_m"], factor);
+            }
+            let columns = file["columns"].as_array().unwrap().clone();
+            for sample in file["samples"].as_array_mut().unwrap() {
+                for (value, column) in sample.as_array_mut().unwrap().iter_mut().zip(&columns) {
+                    if column.as_str().unwrap().ends_with("_m") {
+                        scale(value, factor);
+                    }
+                }
+            }
+            folder.write(
+                &format!("data/{}/{number}.json", skill.replace('/', "-")),
+                &file.to_string(),
+            );
         }
-        scale(&mut file["samples"], factor);
-        let name = path.file_name().unwrap().to_string_lossy().into_owned();
-        folder.write(&format!("data/{name}"), &file.to_string());
     }
 }
 
@@ -45,8 +57,10 @@ fn scale(value: &mut Value, factor: f64) {
 
 /// Writes the configuration that is used; the learner's only length, the least span of a skill, goes with the factor.
 fn write_config(folder: &Folder, factor: f64) {
-    for name in ["skills/planar.ron", "skills/planar_thesis.ron", "controllers/planar.ron"] {
-        let text = std::fs::read_to_string(Path::new(CONFIG).join(name)).unwrap();
+    let skills = ["planar", "planar_thesis", "pick", "pick_thesis"];
+    let skills = skills.map(|name| format!("skills/{name}.ron"));
+    for name in skills.into_iter().chain(["controllers/planar.ron".to_owned()]) {
+        let text = std::fs::read_to_string(Path::new(CONFIG).join(&name)).unwrap();
         let span = format!("position_span_min_m: {}", 0.1 * factor);
         assert_eq!(text.contains("position_span_min_m: 0.1,"), name.starts_with("skills"));
         folder.write(&format!("config/{name}"), &text.replace("position_span_min_m: 0.1", &span));
@@ -81,6 +95,10 @@ fn rows(factor: f64) -> Vec<Value> {
     serde_json::from_str(&text).unwrap()
 }
 
+fn obstructed(row: &Value) -> bool {
+    row["experiment"].as_str().unwrap().ends_with("obstacle")
+}
+
 /// The numbers of a row that scale with a power of the factor: their names, values and powers.
 fn scaled(row: &Value) -> Vec<(String, Option<f64>, i32)> {
     let mut numbers = Vec::new();
@@ -96,7 +114,7 @@ fn scaled(row: &Value) -> Vec<(String, Option<f64>, i32)> {
         add(name, &row[name], 1);
     }
     // Beside an obstacle it is one or zero.
-    add("thesis_metric", &row["thesis_metric"], i32::from(row["experiment"] != "obstacle"));
+    add("thesis_metric", &row["thesis_metric"], i32::from(!obstructed(row)));
     add("scale", &row["scale"], 1);
     add("time_aligned_mse_m2", &row["time_aligned_mse_m2"], 2);
     for name in ["rmse_m", "dtw_m", "frechet_m", "velocity_rmse_m_s"] {
@@ -133,10 +151,10 @@ fn a_smaller_data_set_gives_the_same_results_as_much_smaller() {
             let near = match (a, b) {
                 (Some(a), Some(b)) => {
                     *compared.entry(name.clone()).or_default() += 1;
-                    let loose = large["experiment"] == "obstacle"
+                    let loose = obstructed(large)
                         && ["clearance_min_m", "acceleration_max_m_s2"].contains(&name.as_str());
                     let relative = if loose { BESIDE_OBSTACLE } else { RELATIVE };
-                    (a - b).abs() <= relative * a.abs() + OF_SIZE
+                    (a - b).abs() <= relative * a.abs() + ABSOLUTE
                 }
                 (a, b) => a == b,
             };
