@@ -2,31 +2,29 @@
 
 use rayon::prelude::*;
 use tprmp_learner::canonical::kaiser_smoothing::kaiser_smoothing;
-use tprmp_learner::certify::policy::{Body, MotionPolicy};
+use tprmp_learner::certify::policy::Body;
 use tprmp_learner::skill::KaiserSmoothing;
 use tprmp_spatial::{Pose, Twist};
 
-use crate::baselines::dmp::Dmp;
-use crate::baselines::lqr::Lqr;
-use crate::baselines::pd::Pd;
 use crate::case::{Case, Extent};
 use crate::conditions::{GoalMotion, STEP_S};
 use crate::dataset::SkillSet;
 use crate::experiment::{Experiment, PolicyKind, Setting, Space};
-use crate::metric::{resampled, thesis_tracking, time_aligned_mse_m2};
+use crate::measures::{Measures, distance_to_path, mean_square};
+use crate::metric::{resampled, thesis_tracking};
 use crate::models::{Models, SkillFiles};
-use crate::path::{mean_duration_s, positions};
+use crate::path::positions;
 use crate::progress::progress;
-use crate::results::{Row, finite};
-use crate::world::{RunOutcome, run};
+use crate::results::{AFTER_PUSH_S, Row, finite};
+use crate::world::RunOutcome;
 
 /// How the thesis smooths demonstrations.
 const PUBLISHED_SMOOTHING: KaiserSmoothing = KaiserSmoothing { window_s: 0.3, shape: 14.0 };
-/// The thesis' own conditions: the goal stops within this distance of the policy's own [m] …
+/// The thesis' own conditions: the goal stops within this distance of the policy's own, at a scale of one [m] …
 const PUBLISHED_STOPS_M: f64 = 0.2;
 /// … a rollout takes at most so long [s]; twice that with an obstacle, unbounded when it tracks.
 const PUBLISHED_DURATION_S: f64 = 10.0;
-/// Room between goal or start and an obstacle that makes a case feasible [m].
+/// Room between goal or start and an obstacle that makes a case feasible, at a scale of one [m].
 const FEASIBLE_ROOM_M: f64 = 0.05;
 
 /// The skills and models of a run.
@@ -70,7 +68,7 @@ impl Bench<'_> {
         let conditions = &mut case.conditions;
         conditions.own_goal = true;
         if conditions.goal_motion != GoalMotion::default() {
-            conditions.goal_motion.stops_within_m = PUBLISHED_STOPS_M;
+            conditions.goal_motion.stops_within_m = PUBLISHED_STOPS_M * conditions.scale;
         }
         if case.experiment.tracks() {
             let smoothed = kaiser_smoothing(set.motion(demonstration), dt, PUBLISHED_SMOOTHING);
@@ -94,36 +92,8 @@ impl Bench<'_> {
     /// One rollout; `None` when its policy could not be trained.
     pub(crate) fn follow(&self, case: &Case) -> Option<RunOutcome> {
         let set = &self.skills[case.skill];
-        let demonstration = case.demonstration();
-        let points = || positions(set.motion(demonstration));
-        let dt = set.demonstrations[demonstration].sampling_time_s;
-        let conditions = &case.conditions;
-        let go = |policy: &mut dyn MotionPolicy| run(policy, conditions);
-        let policy = case.compared.policy;
-        Some(match policy {
-            PolicyKind::Canonical | PolicyKind::Thesis => {
-                let trained = self.models.get(policy, case.compared.components, &set.name)?;
-                go(&mut trained.policy.instance())
-            }
-            PolicyKind::Pd => go(&mut Pd::new(points(), dt, false)),
-            PolicyKind::PdPublished => go(&mut Pd::new(points(), dt, true)),
-            PolicyKind::Dmp => {
-                let dmp = Dmp::learn(&set.demonstrations);
-                let goal_frame = conditions.frames[1];
-                let offset = goal_frame.compose(&conditions.grasp).position - goal_frame.position;
-                go(&mut dmp.instance(conditions.start.pose.position, offset))
-            }
-            PolicyKind::TpgmmLqr => go(&mut self.regulator(set)?.instance()),
-        })
-    }
-
-    /// The regulator of a planar skill.
-    pub(crate) fn regulator(&self, set: &SkillSet) -> Option<Lqr> {
-        let count = self.count(set, PolicyKind::Thesis);
-        let model = &self.models.get(PolicyKind::Thesis, count, &set.name)?.model;
-        let duration_s = mean_duration_s(&set.demonstrations);
-        let skill = self.files.of(Space::Planar, PolicyKind::Thesis)?;
-        Some(Lqr::new(model, skill.mixture.covariance_scale, duration_s))
+        let prepared = self.prepare(set, case.compared, case.demonstration())?;
+        Some(prepared.follow(&case.conditions))
     }
 
     /// A row in which nothing is measured yet.
@@ -137,8 +107,9 @@ impl Bench<'_> {
         Row {
             dataset: self.dataset.clone(),
             skill: set.name.clone(),
-            setting: setting.to_string(),
+            setting: setting.words(set.scale()),
             x: setting.x(),
+            scale: set.scale(),
             seed: self.seed,
             ..Row::new(experiment, policy)
         }
@@ -146,11 +117,11 @@ impl Bench<'_> {
 
     fn empty_row(&self, case: &Case) -> Row {
         let conditions = &case.conditions;
-        let ball = conditions.ball;
+        let (ball, room_m) = (conditions.ball, FEASIBLE_ROOM_M * conditions.scale);
         Row {
             components: case.compared.components,
             instance: case.instance,
-            feasible: ball.is_none_or(|ball| ball.leaves_room(conditions, FEASIBLE_ROOM_M)),
+            feasible: ball.is_none_or(|ball| ball.leaves_room(conditions, room_m)),
             ..self.new_row(
                 &self.skills[case.skill],
                 case.compared.policy,
@@ -164,7 +135,7 @@ impl Bench<'_> {
         let set = &self.skills[case.skill];
         let turns = set.manifold.has_orientation();
         let degrees = outcome.goal_error_rad.to_degrees();
-        let [metres_max, degrees_max] = case.experiment.tolerance();
+        let [metres_max, degrees_max] = case.experiment.tolerance(set.scale());
         let mut row = Row {
             goal_error_m: finite(outcome.goal_error_m),
             thesis_metric: self.thesis_metric(case),
@@ -177,19 +148,48 @@ impl Bench<'_> {
             ..self.empty_row(case)
         };
         if case.experiment.tracks() {
-            let dt = set.demonstrations[case.instance].sampling_time_s;
-            let moving = set.motion(case.instance);
-            let points = resampled(&positions(moving), dt, STEP_S);
-            let mse = time_aligned_mse_m2(&positions(&outcome.path), &points);
-            row.time_aligned_mse_m2 = finite(mse);
-            let square = |(i, pose): (usize, &Pose)| {
-                let at = (i as f64 * dt / STEP_S).round() as usize;
-                outcome.path[at.min(outcome.path.len() - 1)].rotation_from(pose).length_squared()
-            };
-            let sum: f64 = moving.iter().enumerate().map(square).sum();
-            let rms_deg = if turns { (sum / moving.len() as f64).sqrt().to_degrees() } else { 0.0 };
-            row.tracking_rms = mse.is_finite().then_some([mse.sqrt(), rms_deg]);
+            track(&mut row, set, case, outcome);
+        }
+        if case.experiment.disturbs() {
+            row.tube_distances = tube_distances(set, case, outcome);
         }
         row
     }
+}
+
+/// Compares a rollout with the demonstration that it should repeat.
+fn track(row: &mut Row, set: &SkillSet, case: &Case, outcome: &RunOutcome) {
+    let turns = set.manifold.has_orientation();
+    let dt = set.demonstrations[case.instance].sampling_time_s;
+    let moving = set.motion(case.instance);
+    let points = resampled(&positions(moving), dt, STEP_S);
+    let path = positions(&outcome.path);
+    let mse = mean_square(&path, &points);
+    row.time_aligned_mse_m2 = finite(mse);
+    let square = |(i, pose): (usize, &Pose)| {
+        let at = (i as f64 * dt / STEP_S).round() as usize;
+        outcome.path[at.min(outcome.path.len() - 1)].rotation_from(pose).length_squared()
+    };
+    let sum: f64 = moving.iter().enumerate().map(square).sum();
+    let rms_deg = if turns { (sum / moving.len() as f64).sqrt().to_degrees() } else { 0.0 };
+    row.tracking_rms = mse.is_finite().then_some([mse.sqrt(), rms_deg]);
+    let planar = set.space() == Space::Planar;
+    let converged = outcome.goal_error_m.is_finite();
+    row.measures = converged.then(|| Measures::of(&path, &points, STEP_S, planar));
+}
+
+/// Distances to the path of the demonstration after the push, as fractions of the skill's size; a body that came to
+/// rest stays. `None` when it diverged.
+fn tube_distances(
+    set: &SkillSet,
+    case: &Case,
+    outcome: &RunOutcome,
+) -> Option<[f64; AFTER_PUSH_S.len()]> {
+    let push = case.conditions.push.filter(|_| outcome.goal_error_m.is_finite())?;
+    let demonstrated = positions(set.motion(case.demonstration()));
+    Some(AFTER_PUSH_S.map(|after_s| {
+        let step = ((push.during_s[1] + after_s) / STEP_S).round() as usize;
+        let body = outcome.path[step.min(outcome.path.len() - 1)].position;
+        distance_to_path(body, &demonstrated) / set.size_m()
+    }))
 }

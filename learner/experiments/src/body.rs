@@ -21,13 +21,14 @@ pub(crate) const INERTIA: SkillInertia = SkillInertia { linear_kg: 5.0, angular_
 /// The controller whose leaves are taken, in the configuration folder.
 const CONTROLLER: &str = "controllers/planar.ron";
 
-/// What the shipped controller adds to a policy.
+/// What the shipped controller adds to a policy, at some scale.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ControllerLeaves {
     /// Keeps the default policy within a speed: far from its demonstrations a field asks for any.
     pub(crate) governor: SpeedGovernor,
     avoidance: Avoidance,
     steering: Steering,
+    scale: f64,
 }
 
 impl ControllerLeaves {
@@ -43,7 +44,27 @@ impl ControllerLeaves {
         let mut avoidance = collision.leaf();
         avoidance.leaf.inertia = INERTIA.linear_kg;
         let steering = avoidance.steering.ok_or_else(|| unconfigured("collision.steering"))?;
-        Ok(Self { governor: file.skill.governor, avoidance, steering })
+        Ok(Self { governor: file.skill.governor, avoidance, steering, scale: 1.0 })
+    }
+
+    /// The same for skills that are larger by a factor: lengths and speeds go with it, times and masses stay.
+    pub(crate) fn scaled(&self, factor: f64) -> Self {
+        let mut scaled = *self;
+        scaled.scale *= factor;
+        let leaf = &mut scaled.avoidance.leaf;
+        for length in [
+            &mut scaled.governor.linear_max_m_s,
+            &mut scaled.avoidance.margin_m,
+            &mut scaled.steering.range_m,
+            &mut scaled.steering.speed_max_m_s,
+            &mut leaf.activation_distance,
+            &mut leaf.distance_min,
+            &mut leaf.approach_speed,
+        ] {
+            *length *= factor;
+        }
+        scaled.avoidance.leaf.repulsion *= factor * factor;
+        scaled
     }
 
     /// How obstacles are avoided: in space over them where the task favours no side.
@@ -60,10 +81,13 @@ impl ControllerLeaves {
     /// # Errors
     /// When it cannot be evaluated.
     pub(crate) fn policy(&self, model: &SkillModel) -> Result<LearnedPolicy, EvaluationError> {
-        let linear_kg = thesis_inertia_kg(model).unwrap_or(INERTIA.linear_kg);
+        // Precisions grow as a skill shrinks: the thesis' policy is given the inertia that it has at a scale of one.
+        let square = self.scale * self.scale;
+        let linear_kg = thesis_inertia_kg(model).map_or(INERTIA.linear_kg, |kg| kg * square);
+        let angular_kg_m2 = INERTIA.angular_kg_m2 * square;
         let canonical = matches!(model.policy, PolicyModel::Canonical { .. });
         let governor = canonical.then_some(self.governor);
-        LearnedPolicy::with(model, SkillInertia { linear_kg, ..INERTIA }, governor)
+        LearnedPolicy::with(model, SkillInertia { linear_kg, angular_kg_m2 }, governor)
     }
 }
 

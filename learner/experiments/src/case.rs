@@ -9,13 +9,15 @@ pub(crate) struct Extent {
     pub(crate) components: Vec<usize>,
     pub(crate) forces_n: Vec<f64>,
     pub(crate) pick_forces_n: Vec<f64>,
-    /// Radii, of goals and of obstacles [m].
+    /// Radii, of goals and of obstacles, at a scale of one [m]; so are the forces.
     pub(crate) radii_m: Vec<f64>,
     /// Directions of static displaced goals.
     pub(crate) directions: usize,
     /// Runs with random speed of the object, noisy starts.
     pub(crate) draws: usize,
     pub(crate) starts: usize,
+    /// Starts along each side of the grid.
+    pub(crate) grid: usize,
     pub(crate) timed: usize,
 }
 
@@ -30,6 +32,7 @@ impl Extent {
             directions: 8,
             draws: 10,
             starts: 1000,
+            grid: 35,
             timed: 2000,
         }
     }
@@ -43,6 +46,7 @@ impl Extent {
             directions: 4,
             draws: 3,
             starts: 100,
+            grid: 15,
             timed: 500,
         }
     }

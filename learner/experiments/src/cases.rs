@@ -17,7 +17,8 @@ use crate::experiment::{
 };
 use crate::path::{middle, positions};
 
-/// The goal stops when the body is so near [m]: planar, and in space.
+/// The goal stops when the body is so near [m]: planar, and in space. All lengths and forces here are those at a scale
+/// of one.
 const STOPS_WITHIN_M: [f64; 2] = [0.1, 0.05];
 /// The push, as in the thesis: steps 50 to 150.
 const PUSH_S: [f64; 2] = [0.5, 1.5];
@@ -87,8 +88,9 @@ impl Collector<'_> {
 
     /// The goal on a circle at rest in the plane of the frames.
     fn circle(&self, radius_m: f64, speed_rad_s: f64) -> Conditions {
-        let stops_within_m = STOPS_WITHIN_M[self.set.space() as usize];
-        let goal_motion = GoalMotion::circle(radius_m, speed_rad_s, stops_within_m);
+        let scale = self.set.scale();
+        let stops_within_m = STOPS_WITHIN_M[self.set.space() as usize] * scale;
+        let goal_motion = GoalMotion::circle(radius_m * scale, speed_rad_s, stops_within_m);
         Conditions { goal_motion, ..self.still.clone() }
     }
 
@@ -103,6 +105,7 @@ impl Collector<'_> {
     }
 
     fn with_push(conditions: Conditions, force_n: f64, as_published: bool) -> Conditions {
+        let force_n = force_n * conditions.scale;
         let push = Some(Push { force_n, during_s: PUSH_S, as_published });
         Conditions { push, ..conditions }
     }
@@ -110,8 +113,9 @@ impl Collector<'_> {
     /// A ball half-way along the first demonstration.
     fn with_ball(&self, conditions: Conditions, radius_m: f64) -> Conditions {
         let center = middle(&positions(&self.set.demonstrations[0].poses));
-        let avoidance = self.leaves.avoidance(self.set.space());
-        let ball = Some(Ball { center, radius_m, avoidance });
+        let scale = self.set.scale();
+        let avoidance = self.leaves.scaled(scale).avoidance(self.set.space());
+        let ball = Some(Ball { center, radius_m: radius_m * scale, avoidance });
         Conditions { ball, ..conditions }
     }
 
@@ -149,7 +153,20 @@ impl Collector<'_> {
                 self.add(Experiment::Obstacle, Setting::Ball(*radius_m), compared, 0, obstacle);
             }
         }
+        self.pushes_at_rest();
         self.tracking(Experiment::Tracking);
+    }
+
+    /// Pushes across the motion with the frames at rest.
+    fn pushes_at_rest(&mut self) {
+        let baselines = [PolicyKind::Pd, PolicyKind::Dmp, PolicyKind::TpgmmLqr].map(Into::into);
+        for compared in self.learned().into_iter().chain(baselines) {
+            for force_n in &self.bench.extent.forces_n {
+                let conditions = Self::with_push(self.still.clone(), *force_n, false);
+                let setting = Setting::Force(*force_n);
+                self.add(Experiment::DisturbanceStill, setting, compared, 0, conditions);
+            }
+        }
     }
 
     /// Over the number of Gaussians.
@@ -169,7 +186,7 @@ impl Collector<'_> {
             for radius_m in DISPLACED_M {
                 let mut conditions = self.still.clone();
                 conditions.frames[1].position +=
-                    DVec3::new(angle.cos(), angle.sin(), 0.0) * radius_m;
+                    DVec3::new(angle.cos(), angle.sin(), 0.0) * (radius_m * conditions.scale);
                 let setting = Setting::Displaced(radius_m, angle);
                 self.add(Experiment::StaticGoal, setting, compared, i, conditions);
             }
@@ -182,8 +199,8 @@ impl Collector<'_> {
             let mut conditions = self.still.clone();
             let (angle, radius): (f64, f64) =
                 (random.random_range(0.0..TAU), random.random::<f64>().sqrt());
-            conditions.start.pose.position +=
-                DVec3::new(angle.cos(), angle.sin(), 0.0) * (radius * START_NOISE_M);
+            conditions.start.pose.position += DVec3::new(angle.cos(), angle.sin(), 0.0)
+                * (radius * START_NOISE_M * conditions.scale);
             self.add(Experiment::StartNoise, Setting::NoisyStart, compared, i, conditions);
         }
     }

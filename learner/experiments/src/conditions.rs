@@ -16,7 +16,7 @@ pub const STEP_S: f64 = 0.01;
 pub const DURATION_S: f64 = 20.0;
 /// Angular speed of the goal on its circle, as in the thesis [rad/s].
 pub const CIRCLE_SPEED_RAD_S: f64 = std::f64::consts::PI;
-/// Radius of that circle where nothing else is said \[m\].
+/// Radius of that circle where nothing else is said, at a scale of one \[m\].
 pub const CIRCLE_RADIUS_M: f64 = 0.2;
 
 /// How the goal frame moves until the body is near the goal; then it stops.
@@ -151,6 +151,8 @@ pub struct Conditions {
     pub push: Option<Push>,
     /// What is in the way.
     pub ball: Option<Ball>,
+    /// By what the lengths are multiplied by which a rollout is ended (see [`SkillSet::scale`]).
+    pub scale: f64,
 }
 
 impl Conditions {
@@ -172,6 +174,7 @@ impl Conditions {
             goal_motion: GoalMotion::default(),
             push: None,
             ball: None,
+            scale: set.scale(),
         }
     }
 

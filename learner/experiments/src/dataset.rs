@@ -8,6 +8,7 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
 use serde::Deserialize;
 use tprmp_learner::alignment::rest::{DemonstrationError, moving_ranges};
 use tprmp_learner::demonstration::{BYTES_MAX, Demonstration, SCHEMA, read};
@@ -18,6 +19,7 @@ use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::Pose;
 
 use crate::experiment::Space;
+use crate::scale::{bounds, scale, size_m};
 
 /// Of two kinds of grasp in one file the first is taken: they are two skills.
 const TAG: &str = "pick_top";
@@ -35,6 +37,8 @@ pub struct SkillSet {
     pub as_published: Vec<Demonstration>,
     /// Samples of each while it moves: all, unless rest is cut.
     moving: Vec<Range<usize>>,
+    /// By what the lengths of the protocols are multiplied: how large the data set is beside the thesis'.
+    scale: f64,
 }
 
 /// What tells the layouts of a JSON file apart.
@@ -66,6 +70,24 @@ impl SkillSet {
         Space::of(self.manifold)
     }
 
+    /// By what all lengths, speeds, accelerations and forces of the protocols are multiplied.
+    #[must_use]
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// Its size: the mean diagonal of the boxes around its demonstrations \[m\].
+    #[must_use]
+    pub fn size_m(&self) -> f64 {
+        size_m(&self.demonstrations)
+    }
+
+    /// The corners of the box around all its demonstrations \[m\].
+    pub(crate) fn bounds(&self) -> [DVec3; 2] {
+        let poses = self.demonstrations.iter().flat_map(|d| &d.poses);
+        bounds(poses.map(|pose| pose.position))
+    }
+
     /// Whether the thesis learned it with other frames than its demonstrations have: then it is one of
     /// the thesis' own planar skills.
     #[must_use]
@@ -83,7 +105,7 @@ impl SkillSet {
     }
 }
 
-/// Reads all skills of a data set, in order of their names.
+/// Reads all skills of a data set, in order of their names; they have the scale of the whole.
 ///
 /// # Errors
 /// [`FileError`], naming the path: it is missing or no folder, holds no skill in a known layout,
@@ -121,10 +143,21 @@ pub fn read_dataset(folder: &Path) -> Result<Vec<SkillSet>, FileError> {
         );
     }
     skills.sort_by(|a, b| a.name.cmp(&b.name));
+    set_scales(&mut skills);
     if let Some(pair) = skills.windows(2).find(|pair| pair[0].name == pair[1].name) {
         return fail(format!("expected skills that differ, found `{}` twice", pair[0].name));
     }
     Ok(skills)
+}
+
+/// Gives the skills of each space their common scale.
+fn set_scales(skills: &mut [SkillSet]) {
+    for space in Space::ALL {
+        let own = skills.iter().filter(|set| set.space() == space);
+        let sizes_m: Vec<f64> = own.map(SkillSet::size_m).collect();
+        let scale = scale(space, &sizes_m);
+        skills.iter_mut().filter(|set| set.space() == space).for_each(|set| set.scale = scale);
+    }
 }
 
 fn sorted(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
@@ -170,5 +203,6 @@ fn skill_set(folder: &Path) -> Result<Option<SkillSet>, FileError> {
 fn of(demonstrations: Vec<Demonstration>) -> SkillSet {
     let (name, manifold) = (demonstrations[0].skill.clone(), demonstrations[0].manifold);
     let moving = demonstrations.iter().map(|d| 0..d.poses.len()).collect();
-    SkillSet { name, manifold, as_published: demonstrations.clone(), demonstrations, moving }
+    let as_published = demonstrations.clone();
+    SkillSet { name, manifold, as_published, demonstrations, moving, scale: 1.0 }
 }

@@ -3,9 +3,10 @@
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
+use tprmp_drawing::number;
 use tprmp_model::skill_model::Manifold;
 
-/// Spread of the noisy starts: they lie in a disc of this radius [m].
+/// Spread of the noisy starts: they lie in a disc of this radius, at a scale of one [m].
 pub(crate) const START_NOISE_M: f64 = 0.2;
 /// How far frames that turn do so to either side: planar [°], and the object [rad].
 pub(crate) const TURNING_DEG: f64 = 90.0;
@@ -90,6 +91,8 @@ pub(crate) enum Experiment {
     Disturbance,
     /// A push in the direction that was published.
     DisturbancePublished,
+    /// The push of [`Disturbance`](Self::Disturbance) with the goal at rest: the path is the demonstrated one.
+    DisturbanceStill,
     /// An obstacle that moves with the goal.
     Obstacle,
     PickTracking,
@@ -102,6 +105,8 @@ pub(crate) enum Experiment {
     Energy,
     /// Starts all around the demonstrations.
     RandomStarts,
+    /// Starts on a grid over the workspace.
+    GridStarts,
     IterationTime,
     PickIterationTime,
 }
@@ -127,16 +132,22 @@ impl Experiment {
     }
 
     /// The goal is reached within this distance [m] and, in space, angle [°].
-    pub(crate) fn tolerance(self) -> [f64; 2] {
-        match self {
+    pub(crate) fn tolerance(self, scale: f64) -> [f64; 2] {
+        let [metres, degrees] = match self {
             Self::Obstacle => [0.01, f64::INFINITY],
             _ if self.tracks() || self.space() == Space::Pick => [0.001, 0.1],
             _ => [0.005, f64::INFINITY],
-        }
+        };
+        [metres * scale, degrees]
+    }
+
+    /// Whether its push is across the motion, so that the distance to the path tells how it is resisted.
+    pub(crate) fn disturbs(self) -> bool {
+        matches!(self, Self::Disturbance | Self::DisturbanceStill)
     }
 }
 
-/// What is varied within an experiment.
+/// What is varied within an experiment; lengths and forces at a scale of one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Setting {
     AsDemonstrated,
@@ -161,14 +172,33 @@ pub(crate) enum Setting {
     /// Rate of control [Hz].
     Rate(f64),
     Starts(usize),
+    /// Starts on a grid of so many a side.
+    Grid(usize),
 }
 
 impl Setting {
+    /// In words, with what its lengths and forces are multiplied by.
+    pub(crate) fn words(self, scale: f64) -> String {
+        let scaled = matches!(
+            self,
+            Self::Displaced(..)
+                | Self::NoisyStart
+                | Self::Force(_)
+                | Self::Circle(_)
+                | Self::Ball(_)
+        );
+        if scaled && scale != 1.0 {
+            format!("{self}, × {}", number(scale))
+        } else {
+            self.to_string()
+        }
+    }
+
     /// The varied number.
     pub(crate) fn x(self) -> f64 {
         match self {
             Self::AsDemonstrated => 0.0,
-            Self::Components(count) | Self::Starts(count) => count as f64,
+            Self::Components(count) | Self::Starts(count) | Self::Grid(count) => count as f64,
             Self::NoisyStart => START_NOISE_M,
             Self::TurningEnd => TURNING_DEG,
             Self::TurningObject => OBJECT_TURNING_RAD,
@@ -206,6 +236,7 @@ impl fmt::Display for Setting {
             Self::Ball(metres) => write!(f, "R = {metres} m"),
             Self::Rate(hertz) => write!(f, "{hertz:.0} Hz"),
             Self::Starts(count) => write!(f, "{count} random starts"),
+            Self::Grid(count) => write!(f, "{count} × {count} starts"),
         }
     }
 }
@@ -221,3 +252,18 @@ macro_rules! display {
     };
 }
 display!(Space PolicyKind Experiment);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_setting_says_by_what_its_lengths_are_multiplied() {
+        assert_eq!(Setting::Circle(0.5).words(1.0), "r = 0.5 m");
+        assert_eq!(Setting::Circle(0.5).words(0.02), "r = 0.5 m, × 0.02");
+        assert_eq!(Setting::Force(10.0).words(0.02), "10 N, × 0.02");
+        assert_eq!(Setting::TurnedEnd(30.0).words(0.02), "end frame turned by 30°");
+        assert_eq!(Setting::Grid(35).words(0.02), "35 × 35 starts");
+        assert_eq!(Experiment::Obstacle.tolerance(0.02)[0], 0.01 * 0.02);
+    }
+}

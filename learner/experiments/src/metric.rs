@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-/// The thesis stops a rollout that has got under way when it is slower than this [m/s] …
+/// The thesis stops a rollout that has got under way when it is slower than this, at a scale of one [m/s] …
 pub(crate) const STOP_SPEED_M_S: f64 = 0.05;
 /// … for so many steps.
 pub(crate) const STOP_STEPS: usize = 10;
@@ -23,17 +23,6 @@ pub(crate) fn thesis_tracking(path: &[DVec3], demonstration: &[DVec3]) -> f64 {
     let reached = nearest(&last).0;
     let left: f64 = demonstration[reached..].iter().map(|d| (last - *d).length()).sum();
     (sum + left) / (path.len() + demonstration.len() - reached) as f64
-}
-
-/// Mean square distance of poses at the same time, over the demonstration's duration [m²]; a path
-/// that has ended stays where it is.
-///
-/// # Panics
-/// When one of them is empty.
-pub(crate) fn time_aligned_mse_m2(path: &[DVec3], demonstration: &[DVec3]) -> f64 {
-    let at = |i: usize| path[i.min(path.len() - 1)];
-    let square = |(i, d): (usize, &DVec3)| (at(i) - *d).length_squared();
-    demonstration.iter().enumerate().map(square).sum::<f64>() / demonstration.len() as f64
 }
 
 /// Points of a path at even times `step_s`, which were sampled every `sampling_time_s`.
@@ -69,17 +58,6 @@ mod tests {
         // Blind to direction: backwards, it ends at the first point, and all of it is left over.
         let back = line(&[3.0, 2.0, 1.0, 0.0]);
         assert!((thesis_tracking(&back, &demonstration) - 6.0 / 8.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn the_time_aligned_figure_sees_what_comes_late() {
-        let demonstration = line(&[0.0, 1.0, 2.0]);
-        assert_eq!(time_aligned_mse_m2(&line(&[0.0, 1.0, 2.0, 9.0]), &demonstration), 0.0);
-        assert!(
-            (time_aligned_mse_m2(&line(&[0.0, 0.0, 1.0]), &demonstration) - 2.0 / 3.0).abs()
-                < 1e-12
-        );
-        assert!((time_aligned_mse_m2(&line(&[0.0]), &demonstration) - 5.0 / 3.0).abs() < 1e-12);
     }
 
     #[test]

@@ -149,7 +149,7 @@ impl Training<'_> {
         let begun = Instant::now();
         let model = learn(&skill, demonstrations, seed, &mut |_| {})?.model;
         let training_s = begun.elapsed().as_secs_f64();
-        let policy = leaves.policy(&model)?;
+        let policy = leaves.scaled(self.set.scale()).policy(&model)?;
         Ok(Trained { model, policy, training_s, examined: self.examined })
     }
 }

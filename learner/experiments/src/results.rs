@@ -6,6 +6,10 @@ use serde::{Deserialize, Serialize};
 use tprmp_files::{Existing, WriteError};
 
 use crate::experiment::{Experiment, PolicyKind};
+use crate::measures::Measures;
+
+/// When the distance to the demonstrated path is measured: after the end of a push [s].
+pub(crate) const AFTER_PUSH_S: [f64; 5] = [0.0, 0.25, 0.5, 1.0, 2.0];
 
 /// What one rollout, or one measurement, gave. A length that is not finite (a body that diverged) is
 /// `null` in the file.
@@ -14,7 +18,7 @@ pub(crate) struct Row {
     pub(crate) experiment: Experiment,
     pub(crate) dataset: String,
     pub(crate) policy: PolicyKind,
-    /// What was varied, with its unit.
+    /// What was varied, with its unit, and what its length or force was multiplied by.
     pub(crate) setting: String,
     pub(crate) skill: String,
     /// Final distance to the true goal [m].
@@ -31,8 +35,10 @@ pub(crate) struct Row {
     pub(crate) clearance_min_m: Option<f64>,
     /// Largest acceleration [m/s²].
     pub acceleration_max_m_s2: Option<f64>,
-    /// The varied number.
+    /// The varied number; of a length or a force, before it was multiplied by the scale.
     pub(crate) x: f64,
+    /// By what the protocol's lengths were multiplied: how large the data set is beside the thesis'.
+    pub(crate) scale: f64,
     pub(crate) components: usize,
     /// Which demonstration's frames, or which of several draws.
     pub(crate) instance: usize,
@@ -49,6 +55,10 @@ pub(crate) struct Row {
     pub(crate) iteration_us: Option<[f64; 3]>,
     /// Root mean square of position [m] and orientation [°] against the demonstration.
     pub(crate) tracking_rms: Option<[f64; 2]>,
+    /// How like the demonstration the rollout is, where there is one and the body did not diverge.
+    pub(crate) measures: Option<Measures>,
+    /// Distance to the demonstrated path at [`AFTER_PUSH_S`] after a push, as a fraction of the skill's size.
+    pub(crate) tube_distances: Option<[f64; AFTER_PUSH_S.len()]>,
     /// Largest acceleration of the demonstrations [m/s²].
     pub demonstrated_acceleration_max_m_s2: Option<f64>,
 }
@@ -56,7 +66,7 @@ pub(crate) struct Row {
 impl Row {
     /// Nothing was measured yet.
     pub(crate) fn new(experiment: Experiment, policy: PolicyKind) -> Self {
-        Self { experiment, policy, feasible: true, ..Self::default() }
+        Self { experiment, policy, scale: 1.0, feasible: true, ..Self::default() }
     }
 }
 
@@ -87,6 +97,14 @@ mod tests {
             goal_error_m: finite(f64::INFINITY),
             thesis_metric: finite(0.1),
             x: 9.0,
+            measures: Some(Measures {
+                rmse_m: 0.1,
+                dtw_m: 0.2,
+                frechet_m: 0.3,
+                swept_area_m2: None,
+                velocity_rmse_m_s: 0.4,
+            }),
+            tube_distances: Some([0.5, 0.4, 0.3, 0.2, 0.1]),
             ..Row::new(Experiment::Tracking, PolicyKind::TpgmmLqr)
         };
         let value = serde_json::to_value(&row).unwrap();

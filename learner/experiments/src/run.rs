@@ -14,6 +14,7 @@ use crate::error::ExperimentsError;
 use crate::experiment::{PolicyKind, Space};
 use crate::models::{SkillFiles, train_all};
 use crate::report::content::Run;
+use crate::report::measures;
 use crate::report::page::{page, summary};
 use crate::verdict::{reproduction, verdicts};
 use crate::{published, results};
@@ -81,6 +82,7 @@ pub fn run(options: &Options) -> Result<String, ExperimentsError> {
     let cases = bench.cases(&leaves);
     let mut rows = bench.run(&cases);
     rows.extend(bench.stability());
+    rows.extend(bench.grid_starts());
     let timed = bench.iteration_times();
     rows.extend(timed.iter().map(|(row, _)| row.clone()));
     results::write(&rows, &results_path)?;
@@ -89,7 +91,7 @@ pub fn run(options: &Options) -> Result<String, ExperimentsError> {
     if skills.iter().filter(|set| set.has_reference_frames()).count() == PUBLISHED_SKILLS {
         verdicts.push(reproduction(&rows, &published::published()));
     }
-    let page = page(&Run {
+    let content = Run {
         bench: &bench,
         cases: &cases,
         rows: &rows,
@@ -97,11 +99,12 @@ pub fn run(options: &Options) -> Result<String, ExperimentsError> {
         verdicts: &verdicts,
         trained,
         elapsed: begun.elapsed(),
-    });
-    write(&path, page, Existing::Replace)?;
+    };
+    write(&path, page(&content), Existing::Replace)?;
     Ok(format!(
-        "{}{} rows in {:.0} s (training {:.0} s)\nwrote      {}\nwrote      {}\n",
+        "{}{}{} rows in {:.0} s (training {:.0} s)\nwrote      {}\nwrote      {}\n",
         summary(&verdicts, &models.failures),
+        measures::text(&content),
         rows.len(),
         begun.elapsed().as_secs_f64(),
         trained.as_secs_f64(),

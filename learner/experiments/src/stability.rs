@@ -31,7 +31,7 @@ const ROTATION_RAD: f64 = 0.5;
 const WINDOW_S: f64 = 0.3;
 /// The slow and the fast controller [Hz].
 const RATES_HZ: [f64; 2] = [100.0, 1000.0];
-/// From a demonstrated start the goal is reached within this distance [m] …
+/// From a demonstrated start the goal is reached within this distance, at a scale of one [m] …
 const REACHED_M: f64 = 0.001;
 /// … from a random one within this distance and angle [rad].
 const REACHED_FROM_ANYWHERE: [f64; 2] = [0.005, 0.01];
@@ -58,7 +58,8 @@ impl Worst {
                 worst.acceleration_max_m_s2.max(outcome.acceleration_max_m_s2);
             worst.goal_error_m = worst.goal_error_m.max(outcome.goal_error_m);
             let [metres, radians] = REACHED_FROM_ANYWHERE;
-            let near = outcome.goal_error_m <= metres && outcome.goal_error_rad <= radians;
+            let near = outcome.goal_error_m <= metres * conditions.scale
+                && outcome.goal_error_rad <= radians;
             worst.reached += u32::from(near);
         }
         worst
@@ -91,7 +92,7 @@ impl Bench<'_> {
                 .map(|i| Conditions { step_s, ..Conditions::demonstrated(set, i) });
             let worst = Worst::of(learned, conditions);
             let row = self.own_row(set, policy, Experiment::Energy, setting);
-            (Row { reached: worst.goal_error_m <= REACHED_M, ..row }, worst)
+            (Row { reached: worst.goal_error_m <= REACHED_M * set.scale(), ..row }, worst)
         } else {
             let starts = self.extent.starts as u32;
             let worst = Worst::of(learned, self.random_starts(set).into_iter());
@@ -124,10 +125,7 @@ impl Bench<'_> {
 
     /// Random starts around the demonstrations.
     fn random_starts(&self, set: &SkillSet) -> Vec<Conditions> {
-        let points =
-            || set.demonstrations.iter().flat_map(|d| d.poses.iter().map(|pose| pose.position));
-        let low = points().fold(DVec3::INFINITY, DVec3::min);
-        let high = points().fold(DVec3::NEG_INFINITY, DVec3::max);
+        let [low, high] = set.bounds();
         let mut margin = DVec3::splat(MARGIN_FRACTION * (high - low).length());
         if set.space() == Space::Planar {
             margin.z = 0.0;
@@ -193,7 +191,7 @@ impl Bench<'_> {
 
 /// Times of evaluations on the straight line from the start to the goal, which moves on its circle [µs].
 fn time_one(policy: &mut dyn MotionPolicy, conditions: &Conditions, count: usize) -> Vec<f64> {
-    let motion = GoalMotion::circle(CIRCLE_RADIUS_M, CIRCLE_SPEED_RAD_S, 0.0);
+    let motion = GoalMotion::circle(CIRCLE_RADIUS_M * conditions.scale, CIRCLE_SPEED_RAD_S, 0.0);
     let mut frames: Vec<MovingPose> =
         conditions.frames.iter().copied().map(MovingPose::at_rest).collect();
     let start = conditions.start.pose;

@@ -4,16 +4,24 @@ use crate::experiment::{Experiment, PolicyKind, Space};
 use crate::models::{Models, Trained};
 use crate::published::{self, Published};
 use crate::results::Row;
-use tprmp_drawing::quantile;
+use tprmp_drawing::{number, quantile};
 
 /// Longest training of a planar skill and of the pick [s].
 const TRAINING_MAX_S: [f64; 2] = [1.0, 3.0];
 /// How far medians of the thesis' policy may be from the published ones, as a fraction of them.
 const REPRODUCED_FRACTION: f64 = 0.1;
-/// How near a goal must be reached: as demonstrated, moving or displaced, beside an obstacle [m].
+/// How near a goal must be reached, at a scale of one: as demonstrated, moving or displaced, beside an obstacle [m].
 const STILL_M: f64 = 0.001;
 const MOVING_M: f64 = 0.005;
 const OBSTACLE_M: f64 = 0.01;
+/// Largest median of the thesis' metric, at a scale of one [m], …
+const THESIS_METRIC_M: f64 = 0.02;
+/// … median and largest time-aligned mean square error [m²], …
+const MSE_M2: [f64; 2] = [0.003, 0.02];
+/// … root mean square of the pick [m, °] …
+const PICK_RMS: [f64; 2] = [0.006, 0.5];
+/// … and acceleration beside an obstacle [m/s²].
+const ACCELERATION_M_S2: f64 = 40.0;
 
 /// One requirement and what was measured.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,8 +55,22 @@ fn mm(metres: f64) -> String {
     if metres.is_finite() { format!("{:.3} mm", metres * 1e3) } else { "diverged".into() }
 }
 
+/// A length that is required.
+fn length(metres: f64) -> String {
+    if metres < 0.1 {
+        format!("{} mm", number(metres * 1e3))
+    } else {
+        format!("{} m", number(metres))
+    }
+}
+
+/// A number of any size with three digits at least.
+fn figure(value: f64) -> String {
+    if value.abs() < 1e-3 && value != 0.0 { format!("{value:.2e}") } else { number(value) }
+}
+
 fn within(row: &Row, metres: f64) -> bool {
-    row.goal_error_m.is_some_and(|error| error <= metres)
+    row.goal_error_m.is_some_and(|error| error <= metres * row.scale)
 }
 
 fn worst_goal(rows: &[&Row]) -> String {
@@ -67,7 +89,7 @@ pub(crate) fn reproduction(rows: &[Row], figures: &[Published]) -> Verdict {
                 .filter(|row| row.x == *k && row.instance == 0)
                 .collect();
             n += own.len();
-            let found = median(&own, |row| row.thesis_metric);
+            let found = median(&own, |row| Some(row.thesis_metric? / row.scale));
             let text = format!("K = {k}: {found:.3} m, published {published:.3}");
             // Not a number is not near.
             let near = (found / published - 1.0).abs() <= REPRODUCED_FRACTION;
@@ -90,8 +112,15 @@ pub(crate) fn reproduction(rows: &[Row], figures: &[Published]) -> Verdict {
 /// in space.
 pub(crate) fn verdicts(rows: &[Row], models: &Models, components: [usize; 2]) -> Vec<Verdict> {
     let own = |row: &&Row| row.policy == PolicyKind::Canonical;
-    let mut table =
-        Table { rows: rows.iter().filter(own).collect(), components, verdicts: Vec::new() };
+    let scale = |space| {
+        rows.iter().find(|row| row.experiment.space() == space).map_or(1.0, |row| row.scale)
+    };
+    let mut table = Table {
+        rows: rows.iter().filter(own).collect(),
+        components,
+        scales: Space::ALL.map(scale),
+        verdicts: Vec::new(),
+    };
     table.tracking();
     table.goals();
     table.obstacles();
@@ -105,6 +134,8 @@ struct Table<'a> {
     /// Of the default policy.
     rows: Vec<&'a Row>,
     components: [usize; 2],
+    /// Of the data set, planar and in space.
+    scales: [f64; 2],
     verdicts: Vec<Verdict>,
 }
 
@@ -147,7 +178,11 @@ impl<'a> Table<'a> {
         let n = rows.len();
         self.verdicts.push(Verdict {
             requirement: requirement.into(),
-            measured: if n == 0 { UNMEASURED.into() } else { format!("{value:.4}{unit}, n = {n}") },
+            measured: if n == 0 {
+                UNMEASURED.into()
+            } else {
+                format!("{}{unit}, n = {n}", figure(value))
+            },
             holds: (n > 0).then_some(value <= most),
             failures: Vec::new(),
         });
@@ -155,42 +190,50 @@ impl<'a> Table<'a> {
 
     fn tracking(&mut self) {
         let all = self.of(&[Experiment::Tracking]);
-        self.all("tracking: every goal within 1 mm", &all, worst_goal, |row| within(row, STILL_M));
+        let scale = self.scales[0];
+        let requirement = format!("tracking: every goal within {}", length(STILL_M * scale));
+        self.all(&requirement, &all, worst_goal, |row| within(row, STILL_M));
         let first: Vec<&Row> = all.iter().copied().filter(|row| row.instance == 0).collect();
         let thesis = median(&first, |row| row.thesis_metric);
-        let requirement = "tracking: median of the thesis' metric at most 0.02 m";
-        self.at_most(requirement, &first, thesis, 0.02, " m");
+        let most = THESIS_METRIC_M * scale;
+        let requirement =
+            format!("tracking: median of the thesis' metric at most {}", length(most));
+        self.at_most(&requirement, &first, thesis, most, " m");
         // As in the thesis from the start of the first demonstration; then from all of them, which also
         // says how alike they are.
         for (whose, rows) in [("first demonstration", &first), ("all demonstrations", &all)] {
-            let mse = median(rows, |row| row.time_aligned_mse_m2);
-            let requirement =
-                format!("tracking, {whose}: median time-aligned MSE at most 0.003 m²");
-            self.at_most(&requirement, rows, mse, 0.003, " m²");
-            let mse = worst(rows, |row| row.time_aligned_mse_m2);
-            let requirement =
-                format!("tracking, {whose}: largest time-aligned MSE at most 0.02 m²");
-            self.at_most(&requirement, rows, mse, 0.02, " m²");
+            let value = |row: &Row| row.time_aligned_mse_m2;
+            let errors = [median(rows, value), worst(rows, value)];
+            for ((which, mse), most) in ["median", "largest"].into_iter().zip(errors).zip(MSE_M2) {
+                let most = most * scale * scale;
+                let requirement = format!(
+                    "tracking, {whose}: {which} time-aligned MSE at most {} m²",
+                    figure(most)
+                );
+                self.at_most(&requirement, rows, mse, most, " m²");
+            }
         }
     }
 
     fn goals(&mut self) {
         use Experiment::{
-            Adaptation, Disturbance, Radius, StartNoise, StaticGoal, TurnedFrames, TurningFrames,
+            Adaptation, Disturbance, DisturbanceStill, Radius, StartNoise, StaticGoal,
+            TurnedFrames, TurningFrames,
         };
+        let scale = self.scales[0];
+        let radii = [0.1, 0.9].map(|radius_m| length(radius_m * scale)).join(" … ");
+        let forces = [10.0, 90.0].map(|force_n| number(force_n * scale)).join(" … ");
         let requirements: [(&str, &[Experiment]); 5] = [
-            ("moving goal, r = 0.1 … 0.9 m: every goal within 5 mm", &[Radius, Adaptation]),
-            ("static displaced goals: every goal within 5 mm", &[StaticGoal]),
-            ("noisy starts: every goal within 5 mm", &[StartNoise]),
-            (
-                "frames turned and turning by up to ±90°: every goal within 5 mm",
-                &[TurnedFrames, TurningFrames],
-            ),
-            ("orthogonal push, 10 … 90 N: every goal within 5 mm", &[Disturbance]),
+            (&format!("moving goal, r = {radii}"), &[Radius, Adaptation]),
+            ("static displaced goals", &[StaticGoal]),
+            ("noisy starts", &[StartNoise]),
+            ("frames turned and turning by up to ±90°", &[TurnedFrames, TurningFrames]),
+            (&format!("orthogonal push, {forces} N"), &[Disturbance, DisturbanceStill]),
         ];
-        for (requirement, experiments) in requirements {
+        for (what, experiments) in requirements {
             let rows = self.of(experiments);
-            self.all(requirement, &rows, worst_goal, |row| within(row, MOVING_M));
+            let requirement = format!("{what}: every goal within {}", length(MOVING_M * scale));
+            self.all(&requirement, &rows, worst_goal, |row| within(row, MOVING_M));
         }
     }
 
@@ -201,16 +244,21 @@ impl<'a> Table<'a> {
             let clearances = rows.iter().filter_map(|row| row.clearance_min_m);
             format!("least clearance {}", mm(clearances.fold(f64::INFINITY, f64::min)))
         };
-        let requirement = "obstacle, R = 0.1 … 0.9 m, feasible cases: no contact";
-        self.all(requirement, &rows, clearance, |row| !row.collided);
-        let requirement = "obstacle, feasible cases: every goal within 1 cm";
-        self.all(requirement, &rows, worst_goal, |row| within(row, OBSTACLE_M));
+        let scale = self.scales[0];
+        let radii = [0.1, 0.9].map(|radius_m| length(radius_m * scale)).join(" … ");
+        let requirement = format!("obstacle, R = {radii}, feasible cases: no contact");
+        self.all(&requirement, &rows, clearance, |row| !row.collided);
+        let requirement =
+            format!("obstacle, feasible cases: every goal within {}", length(OBSTACLE_M * scale));
+        self.all(&requirement, &rows, worst_goal, |row| within(row, OBSTACLE_M));
         let fastest = |rows: &[&Row]| {
-            format!("largest {:.1} m/s²", worst(rows, |row| row.acceleration_max_m_s2))
+            format!("largest {} m/s²", number(worst(rows, |row| row.acceleration_max_m_s2)))
         };
-        let requirement = "obstacle, feasible cases: acceleration under 40 m/s²";
-        self.all(requirement, &rows, fastest, |row| {
-            row.acceleration_max_m_s2.is_some_and(|a| a < 40.0)
+        let most = ACCELERATION_M_S2 * scale;
+        let requirement =
+            format!("obstacle, feasible cases: acceleration under {} m/s²", number(most));
+        self.all(&requirement, &rows, fastest, |row| {
+            row.acceleration_max_m_s2.is_some_and(|a| a < most)
         });
     }
 
@@ -225,9 +273,12 @@ impl<'a> Table<'a> {
         let with_angle = |rows: &[&Row]| {
             format!("{}, {:.4}°", worst_goal(rows), worst(rows, |row| row.goal_error_deg))
         };
-        let requirement =
-            "pick, object at rest, moving, turning, arm pushed: every goal within 1 mm and 0.1°";
-        self.all(requirement, &rows, with_angle, |row| {
+        let scale = self.scales[1];
+        let requirement = format!(
+            "pick, object at rest, moving, turning, arm pushed: every goal within {} and 0.1°",
+            length(STILL_M * scale)
+        );
+        self.all(&requirement, &rows, with_angle, |row| {
             within(row, STILL_M) && row.goal_error_deg.is_none_or(|degrees| degrees <= 0.1)
         });
         let rms = |rows: &[&Row]| {
@@ -235,8 +286,10 @@ impl<'a> Table<'a> {
             format!("worst {}, {:.3}°", mm(most(0)), most(1))
         };
         let rows = self.of(&[Experiment::PickTracking]);
-        self.all("pick: tracking rms under 6 mm and 0.5°", &rows, rms, |row| {
-            row.tracking_rms.is_some_and(|[metres, degrees]| metres < 0.006 && degrees < 0.5)
+        let most = [PICK_RMS[0] * scale, PICK_RMS[1]];
+        let requirement = format!("pick: tracking rms under {} and {}°", length(most[0]), most[1]);
+        self.all(&requirement, &rows, rms, |row| {
+            row.tracking_rms.is_some_and(|rms| rms[0] < most[0] && rms[1] < most[1])
         });
     }
 
@@ -351,6 +404,15 @@ mod tests {
         assert_eq!(moving.failures.len(), 1);
         assert!(moving.failures[0].contains('S') && moving.measured.contains("diverged"));
         assert_eq!(of("static displaced").holds, None);
+    }
+
+    #[test]
+    fn requirements_scale_with_the_data_set() {
+        let small = |error| Row { scale: 0.02, ..row(Experiment::Tracking, Some(error)) };
+        let table = |error| verdicts(&[small(error)], &Models::default(), [9, 15]);
+        let [near, far] = [table(1.9e-5), table(2.1e-5)];
+        assert_eq!(near[0].requirement, "tracking: every goal within 0.02 mm");
+        assert_eq!((near[0].holds, far[0].holds), (Some(true), Some(false)));
     }
 
     #[test]

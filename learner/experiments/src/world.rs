@@ -15,9 +15,10 @@ use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration};
 use crate::conditions::{Ball, Conditions, GoalMotion};
 use crate::metric::{STOP_SPEED_M_S, STOP_STEPS};
 
-/// A body that is farther away has diverged [m].
+/// A body that is farther away has diverged, at a scale of one [m].
 const DIVERGED_M: f64 = 1e5;
-/// A rollout ends when the body rests at its goal, nearer than this [m, rad] and slower [m/s, rad/s].
+/// A rollout ends when the body rests at its goal, nearer than this [m, rad] and slower [m/s, rad/s], at a scale
+/// of one.
 const AT_REST: f64 = 1e-7;
 /// A sum of some ten terms is known no better than this, relative to its value.
 const ENERGY_ROUNDING: f64 = 8.0 * f64::EPSILON;
@@ -186,7 +187,8 @@ impl<P: MotionPolicy + ?Sized> Environment<P> for World<'_> {
     }
 
     fn observe(&mut self, body: &Body, policy: &mut P) -> ControlFlow<()> {
-        if body.pose.position.length() >= DIVERGED_M {
+        let scale = self.conditions.scale;
+        if body.pose.position.length() >= DIVERGED_M * scale {
             self.outcome.goal_error_m = f64::INFINITY;
             return Break(());
         }
@@ -200,17 +202,19 @@ impl<P: MotionPolicy + ?Sized> Environment<P> for World<'_> {
         outcome.goal_error_m = (body.pose.position - goal.position).length();
         let turns = self.conditions.manifold.has_orientation();
         outcome.goal_error_rad = if turns { body.pose.rotation_from(&goal).length() } else { 0.0 };
-        let error = outcome.goal_error_m.max(outcome.goal_error_rad);
+        let error = (outcome.goal_error_m / scale).max(outcome.goal_error_rad);
         let count = outcome.path.len();
         let speed_m_s = body.velocity.linear.length();
-        self.started |= speed_m_s >= STOP_SPEED_M_S;
-        self.slow = if self.started && speed_m_s < STOP_SPEED_M_S { self.slow + 1 } else { 0 };
+        let is_slow = speed_m_s < STOP_SPEED_M_S * scale;
+        self.started |= !is_slow;
+        self.slow = if self.started && is_slow { self.slow + 1 } else { 0 };
         if self.stopped_m.is_none() && self.slow >= STOP_STEPS {
             self.stopped_m = Some(self.own_goal_error(body, policy));
             self.outcome.stopped_at = count;
         }
         let pushed = self.conditions.push.is_some_and(|push| body.time_s <= push.during_s[1]);
-        let at_rest = error < AT_REST && speed_m_s.max(body.velocity.angular.length()) < AT_REST;
+        let speed = (speed_m_s / scale).max(body.velocity.angular.length());
+        let at_rest = error < AT_REST && speed < AT_REST;
         let done = count > self.steps || (at_rest && !self.moving && !pushed);
         if done { Break(()) } else { Continue(()) }
     }
@@ -295,6 +299,7 @@ mod tests {
             goal_motion: GoalMotion::default(),
             push: None,
             ball: None,
+            scale: 1.0,
         }
     }
 
@@ -315,6 +320,21 @@ mod tests {
         let center = DVec3::new(1.0, 0.0, 0.0);
         assert!(outcome.goals.iter().all(|goal| ((*goal - center).length() - 0.5).abs() < 1e-9));
         assert_eq!(outcome.goals.last(), outcome.goals.get(outcome.goals.len() - 2));
+    }
+
+    #[test]
+    fn the_thesis_stop_and_rest_scale_with_the_skill() {
+        let small = |scale: f64| {
+            let mut conditions = Conditions { scale, ..conditions() };
+            conditions.frames[1].position *= 0.05;
+            run(&mut Spring, &conditions)
+        };
+        let (large, scaled, unscaled) = (run(&mut Spring, &conditions()), small(0.05), small(1.0));
+        assert_eq!(scaled.stopped_at, large.stopped_at);
+        assert_eq!(scaled.path.len(), large.path.len());
+        assert!((scaled.own_goal_error_m / large.own_goal_error_m / 0.05 - 1.0).abs() < 1e-9);
+        // On a drawing of 5 cm the thesis' own bound stops too early.
+        assert!(unscaled.own_goal_error_m > 10.0 * scaled.own_goal_error_m);
     }
 
     #[test]

@@ -127,7 +127,7 @@ fn the_regulator_comes_to_rest_in_its_last_gaussian() {
     file.certification.random_starts = 0;
     file.certification.displaced_starts = 0;
     let model = learn(&file, &set.demonstrations, 1, &mut |_| {}).unwrap().model;
-    let lqr = Lqr::new(&model, file.mixture.covariance_scale, 6.0);
+    let lqr = Lqr::new(&model, file.mixture.covariance_scale, 6.0, 1.0);
     let outcome = run(&mut lqr.instance(), &Conditions::demonstrated(&set, 0));
     assert!(outcome.goal_error_m < 0.25, "{}", outcome.goal_error_m);
     assert!(outcome.own_goal_error_m < 0.02, "{}", outcome.own_goal_error_m);

@@ -18,13 +18,13 @@ use tprmp_spatial::{MovingPose, Pose};
 
 use crate::body::point_motion;
 
-/// r, cost of an acceleration [s⁴/m⁴ × m²/m²].
+/// r, cost of an acceleration, at a scale of one [s⁴/m⁴ × m²/m²].
 const EFFORT: f64 = 0.1;
 /// Step of the recursion [s].
 const STEP_S: f64 = 0.02;
 /// Steps that the last Gaussian is held for beyond the duration.
 const HOLD_STEPS: usize = 150;
-/// Added to the covariances [m²]: how exactly the path has to be met.
+/// Added to the covariances, at a scale of one [m²]: how exactly the path has to be met.
 const PRECISION_M2: f64 = 1e-4;
 /// A frame that moved by less has not moved [m].
 const MOVED_M: f64 = 1e-9;
@@ -37,15 +37,20 @@ pub struct Lqr {
     /// Mean phase of each component.
     phases: Vec<f64>,
     duration_s: f64,
+    /// [`EFFORT`] and [`PRECISION_M2`] at the skill's scale.
+    effort: f64,
+    precision_m2: f64,
 }
 
 impl Lqr {
     /// Takes the mixture of a planar model whose demonstrations take `duration_s` on average.
     ///
+    /// * `scale`  of the data set
+    ///
     /// # Panics
     /// When the model is not planar.
     #[must_use]
-    pub fn new(model: &SkillModel, covariance_scale: f64, duration_s: f64) -> Self {
+    pub fn new(model: &SkillModel, covariance_scale: f64, duration_s: f64, scale: f64) -> Self {
         let count = model.gaussians.len();
         let component = |k: usize| {
             let each = model.frames.iter().map(|frame| {
@@ -58,7 +63,8 @@ impl Lqr {
         };
         let components = (0..count).map(component).collect();
         let phases = model.gaussians.iter().map(|g| g.phase).collect();
-        Self { components, phases, duration_s }
+        let (effort, precision_m2) = (EFFORT / scale.powi(2), PRECISION_M2 * scale.powi(2));
+        Self { components, phases, duration_s, effort, precision_m2 }
     }
 
     /// Product of the frames' Gaussians  [thesis eq. 3.6]: mean and precision.
@@ -68,8 +74,8 @@ impl Lqr {
             let Pose { position, orientation } = frame.pose;
             let [x, y] = [DVec3::X, DVec3::Y].map(|axis| orientation * axis);
             let rotation = Matrix2::new(x.x, y.x, x.y, y.y);
-            let in_world =
-                rotation * covariance * rotation.transpose() + Matrix2::identity() * PRECISION_M2;
+            let in_world = rotation * covariance * rotation.transpose()
+                + Matrix2::identity() * self.precision_m2;
             let own = in_world.try_inverse().unwrap_or_else(Matrix2::identity);
             precision += own;
             weighted += own * (rotation * mean + Vector2::new(position.x, position.y));
@@ -101,7 +107,7 @@ impl Lqr {
             b[(i, i)] = 0.5 * h * h;
             b[(i + 2, i)] = h;
         }
-        let effort = Matrix2::identity() * EFFORT;
+        let effort = Matrix2::identity() * self.effort;
         let cost = |t: usize| {
             let (mean, precision) = products[active(t.min(steps))];
             let mut q = Matrix4::zeros();

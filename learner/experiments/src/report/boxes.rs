@@ -14,7 +14,7 @@ const DECADES: [f64; 2] = [-6.0, 3.0];
 
 /// Experiments as box plots, left what the thesis measured, right the true error: title, what is varied,
 /// and its unit.
-const BOXES: [(Experiment, &str, &str, &str); 13] = [
+const BOXES: [(Experiment, &str, &str, &str); 14] = [
     (Experiment::Tracking, "Figure 5.3a: planar tracking over K", "K", ""),
     (Experiment::PickTracking, "Figure 5.3b: tracking of the pick over K", "K", ""),
     (Experiment::Adaptation, "Figure 5.7a: goal on a circle of 0.2 m, over K", "K", ""),
@@ -31,6 +31,7 @@ const BOXES: [(Experiment, &str, &str, &str); 13] = [
         "force [N]",
         " N",
     ),
+    (Experiment::DisturbanceStill, "Push across the motion, goal at rest", "force [N]", " N"),
     (Experiment::PickDisturbance, "Figure 5.8b: push on the pick", "force [N]", " N"),
     (Experiment::Radius, "Figure 5.9a: goal on circles of growing radius", "radius [m]", " m"),
     (
@@ -63,6 +64,11 @@ pub(crate) fn pictures(run: &Run) -> Vec<Picture> {
         Some(Picture { name: title.into(), svg: figure.svg(), caption: boxes.caption() })
     };
     BOXES.into_iter().filter_map(picture).collect()
+}
+
+/// The label of an axis whose lengths or forces were multiplied by a scale.
+pub(crate) fn scaled(label: &str, scale: f64) -> String {
+    if scale == 1.0 { label.into() } else { format!("{label}, × {}", number(scale)) }
 }
 
 /// What was varied, ascending, and the policies, in a fixed order.
@@ -104,9 +110,16 @@ struct Boxes<'a> {
     rows: Vec<&'a Row>,
     xs: Vec<f64>,
     policies: Vec<PolicyKind>,
+    /// Whether what is varied scales with the data set.
+    scales: bool,
 }
 
 impl<'a> Boxes<'a> {
+    /// Of the data set.
+    fn scale(&self) -> f64 {
+        self.rows[0].scale
+    }
+
     /// `None` without rows. Planar tracking is drawn with the first demonstration's frames only, as
     /// it was published.
     fn new(
@@ -120,7 +133,17 @@ impl<'a> Boxes<'a> {
         let own = |row: &&Row| row.experiment == experiment && (!first_only || row.instance == 0);
         let rows: Vec<&Row> = run.rows.iter().filter(own).collect();
         let (xs, policies) = axes(&rows);
-        (!rows.is_empty()).then_some(Self { experiment, label, unit, figures, rows, xs, policies })
+        let scales = [" m", " N"].contains(&unit);
+        (!rows.is_empty()).then_some(Self {
+            experiment,
+            label,
+            unit,
+            figures,
+            rows,
+            xs,
+            policies,
+            scales,
+        })
     }
 
     fn panel(
@@ -137,7 +160,8 @@ impl<'a> Boxes<'a> {
         let (first, last) = (place(xs[0]), xs[xs.len() - 1]);
         let low = DVec2::new(first - 0.6 * step, DECADES[0] - 0.3);
         let high = DVec2::new(last + 0.6 * step, DECADES[1] + 0.3);
-        let mut panel = Panel::graph(title, [self.label, "log10 of metres"], [low, high], SIZE);
+        let varied = if self.scales { scaled(self.label, self.scale()) } else { self.label.into() };
+        let mut panel = Panel::graph(title, [&varied, "log10 of metres"], [low, high], SIZE);
         let width = 0.8 * step / policies.len() as f64;
         for x in xs {
             for (p, policy) in policies.iter().enumerate() {
@@ -149,7 +173,7 @@ impl<'a> Boxes<'a> {
                 draw_box(&mut panel, center, 0.36 * width, &values, colour(*policy));
             }
             if let Some(median) = at(figures, self.experiment, *x) {
-                panel.dot(DVec2::new(*x, decade(median)), 4.0, INK_DOT);
+                panel.dot(DVec2::new(*x, decade(median * self.scale())), 4.0, INK_DOT);
             }
             if *x == 0.0 {
                 let at = DVec2::new(place(*x), DECADES[1]);
@@ -183,13 +207,14 @@ impl<'a> Boxes<'a> {
             let pair = |x: &f64| {
                 let median = at(self.figures, self.experiment, *x)?;
                 let own = values(&self.rows, policy, *x, |row| row.thesis_metric);
-                let here = quantile(&own, 0.5)?;
+                let here = quantile(&own, 0.5)? / self.scale();
                 Some(format!("{here:.3} ({median:.3}) at {}{}", number(*x), self.unit))
             };
             let pairs: Vec<String> = self.xs.iter().filter_map(pair).collect();
             if !pairs.is_empty() {
                 words += &format!(
-                    "Medians of the thesis' metric, {policy} (published): {}. ",
+                    "Medians of {}, {policy} (published): {}. ",
+                    scaled("the thesis' metric", self.scale().recip()),
                     pairs.join(", ")
                 );
             }

@@ -3,6 +3,7 @@
 mod boxes;
 pub(crate) mod content;
 mod fields;
+pub(crate) mod measures;
 mod obstacle;
 pub(crate) mod page;
 mod paths;

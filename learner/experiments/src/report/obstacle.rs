@@ -3,16 +3,16 @@
 use std::collections::BTreeSet;
 
 use glam::DVec2;
-use tprmp_drawing::{Figure, Panel, Picture, Sign, Stroke};
+use tprmp_drawing::{Figure, Panel, Picture, Sign, Stroke, number};
 
 use crate::experiment::{Experiment, PolicyKind};
 use crate::published::{at, published};
-use crate::report::boxes::{axes, step, values};
+use crate::report::boxes::{axes, scaled, step, values};
 use crate::report::content::Run;
 use crate::report::style::{INK_DOT, MARK, SIZE, colour, legend};
 use crate::results::Row;
 
-/// Range of the clearances that are drawn [m], and of the accelerations, log10.
+/// Range of the clearances that are drawn [m], and of the accelerations, log10; at a scale of one, as all here.
 const CLEARANCE_M: [f64; 2] = [-0.1, 0.4];
 const DECADES: [f64; 2] = [0.0, 4.0];
 /// What no obstacle may need [m/s²].
@@ -29,18 +29,22 @@ pub(crate) fn picture(run: &Run) -> Option<Picture> {
         return None;
     }
     let (xs, policies) = axes(&rows);
+    let scale = rows[0].scale;
     let skills = rows.iter().map(|row| &row.skill).collect::<BTreeSet<_>>().len();
     let step = step(&xs);
     let (first, last) = (xs[0] - 0.6 * step, xs[xs.len() - 1] + 0.6 * step);
     let mut passes = Panel::graph(
-        "no contact, and within 1 cm of the true goal",
-        ["obstacle radius [m]", "fraction of the feasible cases [%]"],
+        "no contact, and at the true goal",
+        [&scaled("obstacle radius [m]", scale), "fraction of the feasible cases [%]"],
         [DVec2::new(first, -4.0), DVec2::new(last, 105.0)],
         SIZE,
     );
     let mut clearances = Panel::graph(
         "least clearance and largest acceleration",
-        ["log10 of the largest acceleration [m/s²]", "least clearance [m]"],
+        [
+            &scaled("log10 of the largest acceleration [m/s²]", scale),
+            &scaled("least clearance [m]", scale),
+        ],
         [DVec2::new(DECADES[0], CLEARANCE_M[0]), DVec2::new(DECADES[1], CLEARANCE_M[1])],
         SIZE,
     );
@@ -63,8 +67,9 @@ pub(crate) fn picture(run: &Run) -> Option<Picture> {
     words.push(format!(
         "Published, of 15, where a touch within 0.2 m of the last Gaussian counted and collisions \
          did not: {}. {skills} skills; a case is feasible when neither goal nor start is ever within \
-         5 cm of the obstacle.",
-        published.join(", ")
+         {} cm of the obstacle.",
+        published.join(", "),
+        number(5.0 * scale)
     ));
     let mut legend = legend(&policies);
     legend.push(("published".into(), Sign::Dot(INK_DOT)));
@@ -81,8 +86,8 @@ fn feasible<'a>(rows: &'a [&Row], policy: PolicyKind) -> impl Iterator<Item = &'
 fn draw_clearances(panel: &mut Panel, rows: &[&Row], policy: PolicyKind) {
     for row in feasible(rows, policy) {
         if let (Some(a), Some(c)) = (row.acceleration_max_m_s2, row.clearance_min_m) {
-            let x = a.max(1.0).log10().min(DECADES[1]);
-            let y = c.clamp(CLEARANCE_M[0], CLEARANCE_M[1]);
+            let x = (a / row.scale).max(1.0).log10().min(DECADES[1]);
+            let y = (c / row.scale).clamp(CLEARANCE_M[0], CLEARANCE_M[1]);
             panel.dot(DVec2::new(x, y), 2.6, colour(policy));
         }
     }

@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use tprmp_drawing::{Cell, Page};
+use tprmp_drawing::{Cell, Page, number};
 
 use crate::conditions::DURATION_S;
-use crate::experiment::{Experiment, PolicyKind};
+use crate::dataset::SkillSet;
+use crate::experiment::{Experiment, PolicyKind, Space};
 use crate::report::content::Run;
-use crate::report::{boxes, fields, obstacle, paths, stability, times};
+use crate::report::{boxes, fields, measures, obstacle, paths, stability, times};
 use crate::verdict::Verdict;
 
 /// The table of verdicts as text.
@@ -50,15 +51,19 @@ pub(crate) fn page(run: &Run) -> String {
         training = run.trained.as_secs_f64(),
         duration = DURATION_S,
     ));
+    page.paragraph(&scales(run));
     page.section("What the default policy must do");
     page.table(&["", "requirement", "measured"], run.verdicts.iter().map(verdict_row));
     if !bench.models.failures.is_empty() {
         page.section("Not trained");
         page.list(&bench.models.failures);
     }
+    page.section("The field's measures");
+    measures::tables(&mut page, run);
     page.section("Figures");
     let mut pictures = boxes::pictures(run);
     pictures.extend(obstacle::picture(run));
+    pictures.extend(measures::picture(run));
     pictures.extend(times::picture(run));
     pictures.extend(stability::picture(run));
     pictures.extend(paths::pictures(run));
@@ -68,6 +73,20 @@ pub(crate) fn page(run: &Run) -> String {
     page.section("Failures by policy and experiment");
     list_failures(&mut page, run);
     page.html()
+}
+
+/// How large the skills are beside the thesis'.
+fn scales(run: &Run) -> String {
+    let of = |space| run.bench.skills.iter().find(move |set| set.space() == space);
+    let sentence = |set: &SkillSet| {
+        format!(
+            "The lengths, speeds and forces of the experiments ({}) are the thesis' × {}: so many times as large \
+             are the skills, by the median. Titles name the thesis'. ",
+            set.space(),
+            number(set.scale())
+        )
+    };
+    Space::ALL.into_iter().filter_map(of).map(sentence).collect()
 }
 
 /// Figures in the order of the thesis: 3.2 before 4.2 before 5.10; what has no number comes last.

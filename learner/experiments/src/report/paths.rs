@@ -187,7 +187,8 @@ impl<'a> Rollouts<'a> {
         let own: Vec<_> =
             self.outcomes(None).filter(|(case, _)| case.compared.policy == policy).collect();
         let reached = own.iter().filter(|(case, outcome)| {
-            outcome.goal_error_m <= case.experiment.tolerance()[0] && !outcome.collided()
+            let [metres, _] = case.experiment.tolerance(case.conditions.scale);
+            outcome.goal_error_m <= metres && !outcome.collided()
         });
         [reached.count(), own.len()]
     }
