@@ -106,9 +106,9 @@ const NEW_KEYS: [&str; 10] = [
 
 #[test]
 fn a_file_of_the_version_between_is_read() {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/version_6.ron");
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tprmp-model-6.ron");
     let model = read(&file).unwrap();
-    assert!(model.fit.demonstrations.len() == 3 && model.fit.duration_s == 0.0);
+    assert!(model.fit.demonstrations.len() == 6 && model.fit.duration_s == 0.0);
     assert!(to_text(&model).contains("tprmp-model/7"));
 }
 

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use tprmp_files::{Existing, make_folder, outln, try_out, write};
 use tprmp_learner::file_error::FileError;
+use tprmp_learner::skill::{AlignmentMethod, Skill};
 
 use crate::bench::Bench;
 use crate::body::ControllerLeaves;
@@ -13,11 +14,13 @@ use crate::dataset::{SkillSet, read_dataset};
 use crate::error::ExperimentsError;
 use crate::experiment::{PolicyKind, Space};
 use crate::models::{SkillFiles, train_all};
+use crate::people::hand::Hand;
+use crate::people::table::Row;
 use crate::report::content::Run;
 use crate::report::measures;
 use crate::report::page::{page, summary};
 use crate::verdict::{reproduction, verdicts};
-use crate::{published, results};
+use crate::{people, published, results};
 
 /// Where the shipped planar skills are, in the configuration folder.
 const SHIPPED: &str = "demonstrations/drawings";
@@ -91,7 +94,10 @@ pub fn run(options: &Options) -> Result<String, ExperimentsError> {
     if skills.iter().filter(|set| set.has_reference_frames()).count() == PUBLISHED_SKILLS {
         verdicts.push(reproduction(&rows, &published::published()));
     }
+    let people = people(options)?;
+    verdicts.extend(people::table::verdicts(&people));
     let content = Run {
+        people: &people,
         bench: &bench,
         cases: &cases,
         rows: &rows,
@@ -102,15 +108,36 @@ pub fn run(options: &Options) -> Result<String, ExperimentsError> {
     };
     write(&path, page(&content), Existing::Replace)?;
     Ok(format!(
-        "{}{}{} rows in {:.0} s (training {:.0} s)\nwrote      {}\nwrote      {}\n",
+        "{}{}{}{} rows in {:.0} s (training {:.0} s)\nwrote      {}\nwrote      {}\n",
         summary(&verdicts, &models.failures),
         measures::text(&content),
+        if people.is_empty() { String::new() } else { people::table::text(&people) },
         rows.len(),
         begun.elapsed().as_secs_f64(),
         trained.as_secs_f64(),
         results_path.display(),
         path.display()
     ))
+}
+
+/// Seeds of the hand-like recordings, and of a quick run.
+const PEOPLE_SEEDS: [u64; 2] = [8, 2];
+
+/// What is learned from hand-like recordings: with the shipped data set alone, which is no recording of people.
+fn people(options: &Options) -> Result<Vec<Row>, FileError> {
+    if options.dataset.is_some() {
+        return Ok(Vec::new());
+    }
+    let skill = Skill::read(&options.config.join("skills/pick.ron"))?;
+    let all = [
+        AlignmentMethod::Joint,
+        AlignmentMethod::ArcLength,
+        AlignmentMethod::Barycentre,
+        AlignmentMethod::Clock,
+    ];
+    let (methods, seeds) =
+        if options.quick { (&all[..1], PEOPLE_SEEDS[1]) } else { (&all[..], PEOPLE_SEEDS[0]) };
+    Ok(people::table::rows(&skill, &Hand::default(), methods, seeds))
 }
 
 /// Name of the data set, and its skills: those that are asked for, of a quick run only some.

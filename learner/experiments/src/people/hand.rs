@@ -27,32 +27,48 @@ const DROPOUT: std::ops::RangeInclusive<usize> = 2..=4;
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct Hand {
     /// Samples a second
-    #[arg(long, default_value_t = 30.0)]
+    #[arg(long, default_value_t = Self::default().rate_hz)]
     pub rate_hz: f64,
     /// Mean duration of a demonstration [s]
-    #[arg(long, default_value_t = 4.5)]
+    #[arg(long, default_value_t = Self::default().duration_s)]
     pub duration_s: f64,
     /// Durations differ by up to this fraction
-    #[arg(long, default_value_t = 0.2)]
+    #[arg(long, default_value_t = Self::default().duration_spread)]
     pub duration_spread: f64,
     /// How much the pace changes within a demonstration: standard deviation of its logarithm
-    #[arg(long, default_value_t = 0.35)]
+    #[arg(long, default_value_t = Self::default().warp)]
     pub warp: f64,
     /// Shortest rest before and after [s] …
-    #[arg(long, default_value_t = 0.7)]
+    #[arg(long, default_value_t = Self::default().pause_min_s)]
     pub pause_min_s: f64,
     /// … and longest [s]
-    #[arg(long, default_value_t = 1.4)]
+    #[arg(long, default_value_t = Self::default().pause_max_s)]
     pub pause_max_s: f64,
     /// Tremor of positions [mm]
-    #[arg(long, default_value_t = 1.2)]
+    #[arg(long, default_value_t = Self::default().tremor_mm)]
     pub tremor_mm: f64,
     /// Tremor of orientations [°]
-    #[arg(long, default_value_t = 0.3)]
+    #[arg(long, default_value_t = Self::default().tremor_deg)]
     pub tremor_deg: f64,
     /// Fraction of the samples that are lost, a few in a row, and filled linearly
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = Self::default().dropouts)]
     pub dropouts: f64,
+}
+
+impl Default for Hand {
+    fn default() -> Self {
+        Self {
+            rate_hz: 30.0,
+            duration_s: 4.5,
+            duration_spread: 0.2,
+            warp: 0.35,
+            pause_min_s: 0.7,
+            pause_max_s: 1.4,
+            tremor_mm: 1.2,
+            tremor_deg: 0.3,
+            dropouts: 0.0,
+        }
+    }
 }
 
 /// What of a recording differs between the rows of a comparison: frames, paths and noise are the same.
@@ -86,6 +102,31 @@ impl std::fmt::Display for Timing {
 }
 
 impl Hand {
+    /// Whether a hand can demonstrate so.
+    ///
+    /// # Errors
+    /// The option, what was expected and found.
+    pub fn check(&self, count: usize) -> Result<(), String> {
+        let ranges = [
+            ("--count", count as f64, 1.0, 1000.0),
+            ("--rate-hz", self.rate_hz, 5.0, 1000.0),
+            ("--duration-s", self.duration_s, 0.5, 100.0),
+            ("--duration-spread", self.duration_spread, 0.0, 0.9),
+            ("--warp", self.warp, 0.0, 2.0),
+            ("--pause-min-s", self.pause_min_s, 0.0, 60.0),
+            ("--pause-max-s", self.pause_max_s, self.pause_min_s, 60.0),
+            ("--tremor-mm", self.tremor_mm, 0.0, 100.0),
+            ("--tremor-deg", self.tremor_deg, 0.0, 45.0),
+            ("--dropouts", self.dropouts, 0.0, 0.9),
+        ];
+        match ranges.iter().find(|(_, found, least, most)| !(*least..=*most).contains(found)) {
+            None => Ok(()),
+            Some((option, found, least, most)) => {
+                Err(format!("option `{option}`: expected {least} to {most}, found {found}"))
+            }
+        }
+    }
+
     /// `count` demonstrations of a scene; the seed says which.
     #[must_use]
     pub fn demonstrate(

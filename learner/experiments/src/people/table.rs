@@ -6,6 +6,7 @@ use tprmp_learner::train::learn;
 
 use crate::people::hand::{Hand, Timing};
 use crate::people::scene::{GATE, Scene};
+use crate::verdict::Verdict;
 
 /// What one training gave.
 #[derive(Clone, Debug)]
@@ -76,13 +77,125 @@ pub fn rows(shipped: &Skill, hand: &Hand, methods: &[AlignmentMethod], seeds: u6
     cases.into_par_iter().map(row).collect()
 }
 
-/// Median and largest path error of rows \[m\].
-#[must_use]
-pub fn median_and_max(rows: &[&Row]) -> [f64; 2] {
-    let mut all: Vec<f64> = rows.iter().flat_map(|row| &row.path_rms_m).copied().collect();
+/// Median and largest path error of the rows of a scene, timing and method \[mm\].
+fn median_and_max(rows: &[Row], of: (Scene, Timing, AlignmentMethod)) -> [f64; 2] {
+    let some = rows.iter().filter(|row| (row.scene, row.timing, row.method) == of);
+    let mut all: Vec<f64> = some.flat_map(|row| &row.path_rms_m).map(|error| 1e3 * error).collect();
     all.sort_by(f64::total_cmp);
     match all.len() {
         0 => [f64::NAN; 2],
         count => [0.5 * (all[(count - 1) / 2] + all[count / 2]), all[count - 1]],
     }
+}
+
+/// How often the gate is part of the model, of how many.
+fn gate_used(rows: &[Row], timing: Timing, method: AlignmentMethod) -> [usize; 2] {
+    let some = || {
+        rows.iter()
+            .filter(move |row| (row.scene, row.timing, row.method) == (Scene::Gate, timing, method))
+    };
+    [some().filter(|row| row.frame_used).count(), some().count()]
+}
+
+/// The table: a row a method and timing.
+#[must_use]
+pub fn cells(rows: &[Row]) -> Vec<Vec<String>> {
+    let mut methods: Vec<AlignmentMethod> = rows.iter().map(|row| row.method).collect();
+    methods.dedup();
+    let mut seen = Vec::new();
+    methods.retain(|method| {
+        !seen.contains(method) && {
+            seen.push(*method);
+            true
+        }
+    });
+    let row = |method: AlignmentMethod, timing: Timing| {
+        let of = |scene| {
+            let [median, most] = median_and_max(rows, (scene, timing, method));
+            format!("{median:.1} / {most:.1}")
+        };
+        let [used, count] = gate_used(rows, timing, method);
+        let gate = format!("{used} of {count}");
+        vec![format!("{method:?}"), timing.to_string(), of(Scene::Insertion), of(Scene::Gate), gate]
+    };
+    methods.into_iter().flat_map(|method| Timing::ALL.map(|timing| row(method, timing))).collect()
+}
+
+/// Heads of the table's columns.
+pub const HEADS: [&str; 5] = [
+    "alignment",
+    "recordings",
+    "insertion, path rms median / max [mm]",
+    "gate, path rms median / max [mm]",
+    "gate used",
+];
+
+/// The table as text.
+#[must_use]
+pub fn text(rows: &[Row]) -> String {
+    let mut text = format!(
+        "learned from a hand's recordings\n{:<12} {:<42} {:>16} {:>16}  {}\n",
+        "alignment", "recordings", "insertion [mm]", "gate [mm]", "gate used"
+    );
+    for row in cells(rows) {
+        text +=
+            &format!("{:<12} {:<42} {:>16} {:>16}  {}\n", row[0], row[1], row[2], row[3], row[4]);
+    }
+    text
+}
+
+/// At a pace of its own a recording is followed as one that keeps time is, up to this factor.
+const PACE_FACTOR_MAX: f64 = 1.2;
+
+/// What has to hold of the default alignment.
+pub(crate) fn verdicts(rows: &[Row]) -> Vec<Verdict> {
+    let method = AlignmentMethod::Joint;
+    let (mut measured, mut failures) = (Vec::new(), Vec::new());
+    for scene in [Scene::Insertion, Scene::Gate] {
+        let [at_pace, in_time] = [Timing::PaceAndDuration, Timing::KeepingTime]
+            .map(|timing| median_and_max(rows, (scene, timing, method)));
+        for (name, at_pace, in_time) in
+            [("median", at_pace[0], in_time[0]), ("largest", at_pace[1], in_time[1])]
+        {
+            let text = format!("{scene:?}, {name}: {at_pace:.1} mm, {in_time:.1} mm in time");
+            if at_pace.is_nan() || at_pace > PACE_FACTOR_MAX * in_time {
+                failures.push(text.clone());
+            }
+            measured.push(text);
+        }
+    }
+    let unused: Vec<String> = rows
+        .iter()
+        .filter(|row| row.scene == Scene::Gate && row.method == method && !row.frame_used)
+        .map(|row| format!("{}, seed {}", row.timing, row.seed))
+        .collect();
+    let uncertified = rows.iter().filter(|row| row.method == method && !row.certified);
+    let uncertified: Vec<String> = uncertified
+        .map(|row| format!("{:?}, {}, seed {}", row.scene, row.timing, row.seed))
+        .collect();
+    vec![
+        Verdict {
+            requirement: format!(
+                "hand-like recordings: at a pace of their own, path rms at most {PACE_FACTOR_MAX} times that \
+                 of recordings that keep time"
+            ),
+            measured: measured.join("; "),
+            holds: Some(failures.is_empty()),
+            failures,
+        },
+        Verdict {
+            requirement:
+                "hand-like recordings: the gate between start and goal is part of every model"
+                    .into(),
+            measured: format!("not in {}", unused.len()),
+            holds: Some(unused.is_empty()),
+            failures: unused,
+        },
+        Verdict {
+            requirement: "hand-like recordings: every certificate holds".into(),
+            measured: format!("fails in {}", uncertified.len()),
+            holds: Some(uncertified.is_empty()),
+            failures: uncertified,
+        },
+    ]
 }

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use crate::bench::Bench;
 use crate::case::Case;
+use crate::people;
 use crate::results::Row;
 use crate::verdict::Verdict;
 
@@ -16,6 +17,8 @@ pub(crate) struct Run<'a> {
     /// Times of control iterations.
     pub(crate) timed: &'a [(Row, Vec<f64>)],
     pub(crate) verdicts: &'a [Verdict],
+    /// What was learned from hand-like recordings.
+    pub(crate) people: &'a [people::table::Row],
     pub(crate) trained: Duration,
     pub(crate) elapsed: Duration,
 }
