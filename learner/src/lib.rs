@@ -1,11 +1,12 @@
 //! Learns a frozen model from demonstrations.
 //!
-//! [`train::train`] is the whole path, in four steps; each is a room:
+//! [`train::train`] is the whole path, in five steps; each is a room:
 //!
-//! 1. [`canonical`]: demonstrations in the coordinates in which they share their frames,
-//! 2. [`mixture`]: Gaussians, common to all frames,
-//! 3. [`fit`]: the policy, canonical or the thesis', by convex programs,
-//! 4. [`certify`]: what can be proved of it, and what rollouts show.
+//! 1. [`alignment`]: demonstrations at a common time,
+//! 2. [`canonical`]: in the coordinates in which they share their frames,
+//! 3. [`mixture`]: Gaussians, common to all frames,
+//! 4. [`fit`]: the policy, canonical or the thesis', by convex programs,
+//! 5. [`certify`]: what can be proved of it, and what rollouts show.
 //!
 //! ```text
 //! recording ──► y_i(s)  ──► π_k, μ_k, C_k ──► Φ(z), M(z) ──► certificate

@@ -1,4 +1,4 @@
-//! Step 4, the certificate: what can be proved of a fitted policy, and what rollouts show.
+//! Step 5, the certificate: what can be proved of a fitted policy, and what rollouts show.
 
 mod certifier;
 mod failures;

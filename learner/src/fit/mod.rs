@@ -1,4 +1,4 @@
-//! Step 3, the fit: the canonical policy by one convex program a block, or the thesis' potential and
+//! Step 4, the fit: the canonical policy by one convex program a block, or the thesis' potential and
 //! damping.
 
 pub mod basis;

@@ -1,4 +1,4 @@
-//! Step 2, the mixture: Gaussians of the demonstrations, in each frame.
+//! Step 3, the mixture: Gaussians of the demonstrations, in each frame.
 
 pub mod components;
 pub mod expectation_maximisation;
