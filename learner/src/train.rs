@@ -10,12 +10,12 @@ use tprmp_model::skill_model::{
 use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
 
 use crate::alignment::rest::DemonstrationError;
-use crate::alignment::{Aligned, Alignment, align};
-use crate::canonical::agreement::{Agreement, two_ways};
+use crate::alignment::{Aligned, Alignment, consistency};
+use crate::canonical::agreement::{Agreement, best_aligned, two_ways};
 use crate::canonical::{CanonicalSet, canonicalise};
 use crate::certify::Certifier;
 use crate::certify::policy::LearnedPolicy;
-use crate::demonstration::{Demonstration, consistency, plausibility, read_folder};
+use crate::demonstration::{Demonstration, plausibility, read_folder};
 use crate::file_error::FileError;
 use crate::fit::thesis::ThesisFit;
 use crate::fit::{self, FitError, Reason};
@@ -193,7 +193,7 @@ pub fn learn(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Trained, TrainError> {
     let mut clock = Clock { since: Instant::now(), times: Vec::new(), progress };
-    let Aligned { demonstrations, alignments, pauses } = &align(skill, recorded)?;
+    let Aligned { demonstrations, alignments, pauses } = &best_aligned(skill, recorded)?;
     clock.done(Step::Alignment);
     let names: Vec<&str> = demonstrations.iter().map(|d| d.name.as_str()).collect();
     let fitted = FittedPolicy::new(skill, demonstrations, seed, &mut |step| clock.done(step));
@@ -298,8 +298,7 @@ impl FittedPolicy {
                 em_iterations: mixture.log_likelihoods.len() as u32,
                 em_log_likelihood: mixture.log_likelihoods[mixture.log_likelihoods.len() - 1],
                 programs: self.programs.clone(),
-                duration_s: (demonstrations[0].poses.len() - 1) as f64
-                    * demonstrations[0].sampling_time_s,
+                duration_s: mean_duration_s(demonstrations),
                 agreement: self.agreement.map.clone(),
                 demonstrations: Vec::new(),
             },
@@ -312,6 +311,12 @@ impl FittedPolicy {
             },
         }
     }
+}
+
+/// Duration of the demonstrations, in the mean \[s\]; aligned ones last alike.
+fn mean_duration_s(demonstrations: &[Demonstration]) -> f64 {
+    let duration = |d: &Demonstration| (d.poses.len() - 1) as f64 * d.sampling_time_s;
+    demonstrations.iter().map(duration).sum::<f64>() / demonstrations.len() as f64
 }
 
 /// Frames and goal as the model file stores them.

@@ -4,8 +4,8 @@ mod common;
 
 use common::{arcs, skill, skill_file};
 use glam::{DQuat, DVec3};
-use tprmp_learner::alignment::align;
-use tprmp_learner::demonstration::{Demonstration, consistency, read_folder};
+use tprmp_learner::alignment::{align, consistency};
+use tprmp_learner::demonstration::{Demonstration, read_folder};
 use tprmp_learner::skill::Skill;
 use tprmp_learner::train::learn;
 use tprmp_model::skill_model::Manifold;
@@ -56,7 +56,7 @@ fn quaternions_in_another_order_are_told() {
     one(&warnings(both), &["of samples and frames were x y z w"]);
     let in_one = |i, d: &mut Demonstration| {
         if i == 3 {
-            samples(d)
+            samples(d);
         }
     };
     one(&warnings(in_one), &["`04.json`", "of the samples were x y z w"]);
@@ -74,13 +74,13 @@ fn a_rotated_tool_or_frame_is_told() {
     one(&warnings(tool), &["`03.json` starts and ends rotated", "by 90°", "tool frame"]);
     let goal = |i, d: &mut Demonstration| {
         if i == 2 {
-            d.goal_frame.orientation *= quarter
+            d.goal_frame.orientation *= quarter;
         }
     };
     one(&warnings(goal), &["`03.json` ends rotated by 90°", "`object`"]);
     let start = |i, d: &mut Demonstration| {
         if i == 2 {
-            d.start.orientation *= quarter
+            d.start.orientation *= quarter;
         }
     };
     one(&warnings(start), &["`03.json` starts rotated by 90°", "`ee_start`"]);
@@ -90,13 +90,13 @@ fn a_rotated_tool_or_frame_is_told() {
 fn ends_that_do_not_fit_are_told() {
     let cut = |i, d: &mut Demonstration| {
         if i == 5 {
-            d.poses.truncate(d.poses.len() * 6 / 10)
+            d.poses.truncate(d.poses.len() * 6 / 10);
         }
     };
     one(&warnings(cut), &["`06.json` ends", "mm beside", "in motion: was it cut short?"]);
     let stale = |i, d: &mut Demonstration| {
         if i == 5 {
-            d.goal_frame.position.x += 0.05
+            d.goal_frame.position.x += 0.05;
         }
     };
     one(&warnings(stale), &["`06.json` ends 50 mm beside", "stale"]);
@@ -107,7 +107,7 @@ fn ends_that_do_not_fit_are_told() {
     };
     one(&warnings(scatter), &["scatter in `object`", "30 mm"]);
     let grasp = |i: usize, d: &mut Demonstration| {
-        let yaw = if i % 2 == 0 { 1.4 } else { -1.4 };
+        let yaw = if i.is_multiple_of(2) { 1.4 } else { -1.4 };
         let count = d.poses.len() as f64;
         for (k, pose) in d.poses.iter_mut().enumerate() {
             pose.orientation *= DQuat::from_rotation_z(yaw * k as f64 / (count - 1.0));

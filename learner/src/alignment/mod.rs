@@ -19,6 +19,8 @@
 //! t_i(b) = σ_i⁻¹(γ_i(b))     T(b) = median_j T_j · mean_i t_i(b)/T_i     x_i(t) = X_i(t_i(T⁻¹(t)))
 //! ```
 
+pub mod consistency;
+pub(crate) mod groups;
 mod resample;
 pub mod rest;
 mod template;
@@ -33,7 +35,7 @@ use crate::alignment::timing::{CommonTime, Track};
 use crate::canonical::kaiser_smoothing::kaiser_smoothing;
 use crate::canonical::means::mean_start;
 use crate::demonstration::Demonstration;
-use crate::skill::{AlignmentMethod, Skill};
+use crate::skill::{AlignmentMethod, FitSettings, Skill};
 
 /// Demonstrations as they are learned from.
 #[derive(Clone, Debug)]
@@ -99,11 +101,14 @@ pub fn align(skill: &Skill, recorded: &[Demonstration]) -> Result<Aligned, Demon
     let demonstrations = with_start_frame(skill, smoothed(skill, recorded));
     let motions = rest::motions(&demonstrations, &skill.smoothing, &skill.scale)?;
     let settings = &skill.alignment;
-    if settings.method == AlignmentMethod::Clock {
+    if matches!(skill.fit, FitSettings::Thesis(_)) && settings.method == AlignmentMethod::Clock {
         return Ok(as_recorded(demonstrations, &motions));
     }
-    let tracks: Vec<Track> =
-        motions.iter().map(|motion| Track::new(motion, settings.pause_min_s)).collect();
+    let track = |motion: &Motion| match settings.method {
+        AlignmentMethod::Clock => Track::by_clock(motion),
+        _ => Track::new(motion, settings.pause_min_s),
+    };
+    let tracks: Vec<Track> = motions.iter().map(track).collect();
     let warps = match settings.method {
         AlignmentMethod::Clock | AlignmentMethod::ArcLength => Vec::new(),
         AlignmentMethod::Barycentre => {
@@ -122,7 +127,7 @@ pub fn align(skill: &Skill, recorded: &[Demonstration]) -> Result<Aligned, Demon
     Ok(at_common_times(demonstrations, &motions, &tracks, &common))
 }
 
-/// Without the rests, each at its own times.
+/// Without the rests, each at its own times, as the thesis does it.
 fn as_recorded(mut demonstrations: Vec<Demonstration>, motions: &[Motion]) -> Aligned {
     let mut alignments = Vec::with_capacity(motions.len());
     for (demonstration, motion) in demonstrations.iter_mut().zip(motions) {

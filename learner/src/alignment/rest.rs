@@ -8,7 +8,7 @@ use tprmp_spatial::Pose;
 use crate::canonical::means::mean_goal;
 use crate::canonical::path::Path;
 use crate::canonical::savitzky_golay::smooth;
-use crate::canonical::{scales, span};
+use crate::canonical::scales::{scales, span};
 use crate::demonstration::{Demonstration, POINTS_MIN};
 use crate::skill::{Scale, Smoothing};
 

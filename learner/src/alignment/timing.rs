@@ -62,6 +62,14 @@ impl Track {
         Self { active, fractions, pauses, sampling_time_s: dt }
     }
 
+    /// The track of one who keeps time: the fraction of the time.
+    pub(crate) fn by_clock(motion: &Motion) -> Self {
+        let active: Vec<usize> = motion.moving.clone().collect();
+        let last = (active.len() - 1) as f64;
+        let fractions = (0..active.len()).map(|i| i as f64 / last).collect();
+        Self { active, fractions, pauses: Vec::new(), sampling_time_s: motion.sampling_time_s }
+    }
+
     /// Duration without pauses \[s\].
     pub(crate) fn duration_s(&self) -> f64 {
         (self.active.len() - 1) as f64 * self.sampling_time_s

@@ -5,10 +5,14 @@ use glam::DVec3;
 use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
 use tprmp_spatial::Pose;
 
+use crate::alignment::consistency::names;
+use crate::alignment::groups::two_groups;
+use crate::alignment::rest::DemonstrationError;
+use crate::alignment::{Aligned, align};
+use crate::canonical::coordinates::{CanonicalDemonstration, CanonicalSet, canonicalise};
 use crate::canonical::means::mean_pose;
-use crate::canonical::{CanonicalDemonstration, CanonicalSet};
 use crate::demonstration::{Demonstration, diagonal};
-use crate::skill::Skill;
+use crate::skill::{AlignmentMethod, Skill};
 
 /// Fractions of the common time at which agreement is looked at, the ends included.
 pub const STEPS: usize = 41;
@@ -97,6 +101,34 @@ impl Agreement {
     }
 }
 
+/// The alignment under which the demonstrations agree best: that of the skill, or, where people kept time
+/// better than their paths tell, the clock.
+///
+/// # Errors
+/// [`DemonstrationError`]: a demonstration does not move, or cannot be brought into canonical coordinates.
+///
+/// # Panics
+/// When there is no demonstration, or one lacks a frame of the skill.
+pub fn best_aligned(
+    skill: &Skill,
+    recorded: &[Demonstration],
+) -> Result<Aligned, DemonstrationError> {
+    let aligned = align(skill, recorded)?;
+    if skill.alignment.method != AlignmentMethod::Joint || recorded.len() < 2 {
+        return Ok(aligned);
+    }
+    let mut clock = skill.clone();
+    clock.alignment.method = AlignmentMethod::Clock;
+    let by_clock = align(&clock, recorded)?;
+    let apart = |aligned: &Aligned| -> Result<f64, DemonstrationError> {
+        let set = canonicalise(skill, &aligned.demonstrations)?;
+        let map = Agreement::new(skill, &aligned.demonstrations, &set).map;
+        let [metres, radians] = set.scales;
+        Ok(map.iter().map(|at| (at[0] * metres).powi(2) + (at[1] * radians).powi(2)).sum())
+    };
+    Ok(if apart(&by_clock)? < apart(&aligned)? { by_clock } else { aligned })
+}
+
 fn percent(step: usize) -> f64 {
     100.0 * step as f64 / (STEPS - 1) as f64
 }
@@ -165,8 +197,6 @@ pub fn two_ways(
     set: &CanonicalSet,
     span_m: f64,
 ) -> Option<String> {
-    use crate::demonstration::consistency::names;
-    use crate::demonstration::groups::two_groups;
     let groups = |step: usize, block: usize| {
         let points: Vec<Vec<f64>> = set
             .demonstrations

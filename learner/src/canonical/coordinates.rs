@@ -15,8 +15,9 @@ use crate::canonical::means::mean_frames;
 use crate::canonical::path::Path;
 use crate::canonical::phase_profile::PhaseProfile;
 use crate::canonical::savitzky_golay::smooth;
-use crate::demonstration::{Demonstration, diagonal};
-use crate::skill::{FitSettings, Scale, Skill};
+use crate::canonical::scales::{scales, span};
+use crate::demonstration::Demonstration;
+use crate::skill::{FitSettings, Skill};
 
 /// Largest angle between a demonstrated orientation and the goal's \[rad\]: the chart ends at π, and its
 /// derivatives grow without bound before.
@@ -51,21 +52,6 @@ pub struct CanonicalDemonstration {
     pub position: Path,
     /// Rotation vectors at the goal \[rad\]; all zero for skills without an orientation.
     pub rotation: Path,
-}
-
-/// ŷ = s y for positions and rotations of these spans.
-pub(crate) fn scales(scale: &Scale, position_m: f64, rotation_rad: f64) -> [f64; 2] {
-    [
-        scale.span / position_m.max(scale.position_span_min_m),
-        scale.span / rotation_rad.max(scale.orientation_span_min_rad),
-    ]
-}
-
-/// Diagonal of the bounding box of all points along these axes. Those of a frame rotate with the
-/// demonstrations: so the span does not depend on how the robot's base frame lies.
-pub(crate) fn span<'a>(paths: impl Iterator<Item = &'a Path> + Clone, axes: DQuat) -> f64 {
-    let along = axes.conjugate();
-    diagonal(paths.flat_map(|path| &path.points).map(|point| along * *point))
 }
 
 /// Brings aligned demonstrations into canonical coordinates.

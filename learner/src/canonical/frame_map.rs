@@ -13,7 +13,7 @@ use tprmp_spatial::{MovingPose, Pose};
 use crate::canonical::adaptation::{self, Observation};
 use crate::canonical::means::{MeanFrames, mean_pose};
 use crate::canonical::phase_profile::PhaseProfile;
-use crate::canonical::scales;
+use crate::canonical::scales::scales;
 use crate::demonstration::diagonal;
 use crate::skill::{FitSettings, FrameMapSettings, Skill};
 

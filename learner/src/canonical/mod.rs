@@ -9,10 +9,10 @@ pub mod means;
 pub mod path;
 pub mod phase_profile;
 pub mod savitzky_golay;
+pub(crate) mod scales;
 
 pub use coordinates::{
     ANGLE_MAX_RAD, CanonicalDemonstration, CanonicalSet, canonical_path, canonicalise,
 };
-pub(crate) use coordinates::{scales, span};
 pub use means::{mean_goal, mean_pose};
 pub use phase_profile::PhaseProfile;

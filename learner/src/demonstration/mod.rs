@@ -2,9 +2,7 @@
 
 pub(crate) mod at_most;
 mod bounds;
-pub mod consistency;
 mod file;
-pub(crate) mod groups;
 pub mod plausibility;
 
 pub use bounds::diagonal;

@@ -13,8 +13,8 @@ use std::sync::mpsc;
 
 use rayon::prelude::*;
 
-use crate::alignment::align;
 use crate::alignment::rest::DemonstrationError;
+use crate::canonical::agreement::best_aligned;
 use crate::canonical::canonicalise;
 use crate::demonstration::Demonstration;
 use crate::mixture::tp_gmm::Samples;
@@ -116,7 +116,7 @@ pub fn choose(
     for end in [*range.start(), *range.end()] {
         skill.clone().with_components(end).map_err(ChoiceError::Components)?;
     }
-    let demonstrations = &align(skill, demonstrations)?.demonstrations;
+    let demonstrations = &best_aligned(skill, demonstrations)?.demonstrations;
     let set = canonicalise(skill, demonstrations)?;
     let samples = Samples::new(skill, demonstrations, &set);
     let most = samples.components_max();

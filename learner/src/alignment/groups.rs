@@ -82,6 +82,6 @@ mod tests {
             }
         }
         assert!(split < 10, "{split} of 800 split");
-        assert_eq!(two_groups(&vec![vec![0.0], vec![1.0]]), None);
+        assert_eq!(two_groups(&[vec![0.0], vec![1.0]]), None);
     }
 }

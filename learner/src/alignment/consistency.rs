@@ -8,9 +8,8 @@ use glam::{DQuat, DVec3};
 use tprmp_spatial::Pose;
 use tprmp_spatial::rotation::rotation_vector;
 
-use crate::demonstration::bounds::diagonal;
-use crate::demonstration::file::Demonstration;
-use crate::demonstration::groups::two_groups;
+use crate::alignment::groups::two_groups;
+use crate::demonstration::{Demonstration, diagonal};
 use crate::skill::Skill;
 
 /// Orientations of people who do the same differ by less \[rad\] …
