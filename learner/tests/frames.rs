@@ -10,7 +10,7 @@ use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use tprmp_learner::alignment::align;
+use tprmp_learner::canonical::agreement::best_aligned;
 use tprmp_learner::certify::policy::{Body, LearnedPolicy, MotionPolicy};
 use tprmp_learner::certify::rollout::{RolloutSpec, Target, follow};
 use tprmp_learner::demonstration::Demonstration;
@@ -378,7 +378,7 @@ fn a_third_frame_is_learned_from_too() {
         assert_eq!(names, ["start", "end", "box"]);
 
         // The mean of a mixture is that of its samples, here as the box sees them.
-        let aligned = align(&skill, &demonstrated).unwrap().demonstrations;
+        let aligned = best_aligned(&skill, &demonstrated).unwrap().demonstrations;
         let (mut sum, mut count) = (DVec3::ZERO, 0.0);
         for demonstration in &aligned {
             let moving = &demonstration.poses;
