@@ -6,10 +6,10 @@
 //! 1. rests at the ends and pauses are [found](rest), with the recording's noise in mind, and cut,
 //! 2. each demonstration gets a coordinate σ, the length of its path in position and orientation,
 //!    which is regular where nothing moves,
-//! 3. a monotone map of σ onto that of a common [template](template) is found for all of them
-//!    together, by [dynamic programming](warp): where the demonstrations agree, seen from a frame, that
+//! 3. a monotone map of σ onto that of a common template (`template`) is found for all of them
+//!    together, by dynamic programming (`warp`): where the demonstrations agree, seen from a frame, that
 //!    frame speaks,
-//! 4. the [common timing](timing) is the mean of theirs, lasts as long as they do at the median, and
+//! 4. the common timing (`timing`) is the mean of theirs, lasts as long as they do at the median, and
 //!    pauses where all of them do.
 //!
 //! Each demonstration is then sampled anew at the common times: all that follows sees demonstrations of

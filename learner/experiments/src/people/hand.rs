@@ -16,11 +16,11 @@ use crate::people::scene::{Frames, GATE, Scene};
 const WAVES: usize = 3;
 /// Steps of the table of a pace.
 const STEPS: usize = 400;
-/// Frequency of a hand's tremor [Hz], from and to.
+/// Frequency of a hand's tremor \[Hz\], from and to.
 const TREMOR_HZ: [f64; 2] = [8.0, 12.0];
 /// Part of the tremor's variance that is a wave; the rest is a sensor's noise.
 const WAVE_PART: f64 = 0.5;
-/// Length of a dropout [samples], from and to.
+/// Length of a dropout \[samples\], from and to.
 const DROPOUT: std::ops::RangeInclusive<usize> = 2..=4;
 
 /// How a hand demonstrates. Lengths and angles of noise are standard deviations in each coordinate.
@@ -29,7 +29,7 @@ pub struct Hand {
     /// Samples a second
     #[arg(long, default_value_t = Self::default().rate_hz)]
     pub rate_hz: f64,
-    /// Mean duration of a demonstration [s]
+    /// Mean duration of a demonstration, in seconds
     #[arg(long, default_value_t = Self::default().duration_s)]
     pub duration_s: f64,
     /// Durations differ by up to this fraction
@@ -38,16 +38,16 @@ pub struct Hand {
     /// How much the pace changes within a demonstration: standard deviation of its logarithm
     #[arg(long, default_value_t = Self::default().warp)]
     pub warp: f64,
-    /// Shortest rest before and after [s] …
+    /// Shortest rest before and after, in seconds …
     #[arg(long, default_value_t = Self::default().pause_min_s)]
     pub pause_min_s: f64,
-    /// … and longest [s]
+    /// … and longest, in seconds
     #[arg(long, default_value_t = Self::default().pause_max_s)]
     pub pause_max_s: f64,
-    /// Tremor of positions [mm]
+    /// Tremor of positions, in millimetres
     #[arg(long, default_value_t = Self::default().tremor_mm)]
     pub tremor_mm: f64,
-    /// Tremor of orientations [°]
+    /// Tremor of orientations, in degrees
     #[arg(long, default_value_t = Self::default().tremor_deg)]
     pub tremor_deg: f64,
     /// Fraction of the samples that are lost, a few in a row, and filled linearly
