@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use nalgebra::DMatrix;
+use tprmp_drawing::quantile;
 use tprmp_model::skill_model::{
     Canonical, Certificate, DemonstrationRollout, FieldModel, Fit, FrameMixture, Gaussian,
     PolicyModel, Pose, ProgramFit, SkillModel, ThesisModel,
@@ -258,9 +259,8 @@ fn judgement(text: &mut String, fit: &Fit) {
         return;
     }
     let median = |of: fn(&DemonstrationRollout) -> f64| {
-        let mut all: Vec<f64> = fit.demonstrations.iter().map(of).collect();
-        all.sort_by(f64::total_cmp);
-        0.5 * (all[(all.len() - 1) / 2] + all[all.len() / 2])
+        let all: Vec<f64> = fit.demonstrations.iter().map(of).collect();
+        quantile(&all, 0.5).expect("there are demonstrations")
     };
     let most = |of: fn(&DemonstrationRollout) -> f64| {
         fit.demonstrations.iter().map(of).fold(0.0, f64::max)

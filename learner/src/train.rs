@@ -15,7 +15,8 @@ use crate::canonical::agreement::{Agreement, best_aligned, two_ways};
 use crate::canonical::{CanonicalSet, canonicalise};
 use crate::certify::Certifier;
 use crate::certify::policy::LearnedPolicy;
-use crate::demonstration::{Demonstration, plausibility, read_folder};
+use crate::demonstration::plausibility::with_others;
+use crate::demonstration::{Demonstration, mean_duration_s, plausibility, read_folder};
 use crate::file_error::FileError;
 use crate::fit::thesis::ThesisFit;
 use crate::fit::{self, FitError, Reason};
@@ -71,10 +72,6 @@ pub struct Trained {
     pub times: Vec<(Step, Duration)>,
     /// Samples of all demonstrations.
     pub samples: usize,
-    /// How the demonstrations were brought to a common time.
-    pub alignments: Vec<Alignment>,
-    /// Where the common motion pauses: beginning and duration \[s\].
-    pub pauses: Vec<[f64; 2]>,
     /// How the number of Gaussians was chosen, when the learner chose it.
     pub choice: Option<Choice>,
 }
@@ -84,10 +81,10 @@ pub struct Trained {
 pub enum Step {
     /// The number of Gaussians is chosen.
     Choice,
-    /// Demonstrations are brought to a common time.
+    /// Demonstrations are brought to a common time and into canonical coordinates.
     Alignment,
-    /// Demonstrations are brought into canonical coordinates.
-    CanonicalCoordinates,
+    /// It is seen how well they agree there.
+    Agreement,
     /// The Gaussian mixture is learned.
     Mixture,
     /// The policy is fitted.
@@ -103,7 +100,7 @@ impl std::fmt::Display for Step {
         f.write_str(match self {
             Self::Choice => "choice of K",
             Self::Alignment => "alignment",
-            Self::CanonicalCoordinates => "canonical coordinates",
+            Self::Agreement => "agreement",
             Self::Mixture => "mixture",
             Self::Fit => "fit",
             Self::DemonstratedStarts => "demonstrated starts",
@@ -193,14 +190,16 @@ pub fn learn(
     progress: &mut dyn FnMut(&str),
 ) -> Result<Trained, TrainError> {
     let mut clock = Clock { since: Instant::now(), times: Vec::new(), progress };
-    let Aligned { demonstrations, alignments, pauses } = &best_aligned(skill, recorded)?;
+    let (aligned, set) = best_aligned(skill, recorded)?;
+    let Aligned { demonstrations, alignments, .. } = &aligned;
     clock.done(Step::Alignment);
     let names: Vec<&str> = demonstrations.iter().map(|d| d.name.as_str()).collect();
-    let fitted = FittedPolicy::new(skill, demonstrations, seed, &mut |step| clock.done(step));
+    let fitted = FittedPolicy::new(skill, demonstrations, set, seed, &mut |step| clock.done(step));
     let fitted = diagnosed(fitted, &names, |left_out| {
         let mut others = demonstrations.clone();
         others.remove(left_out);
-        FittedPolicy::new(skill, &others, seed, &mut |_| {}).is_ok()
+        let set = canonicalise(skill, &others);
+        set.is_ok_and(|set| FittedPolicy::new(skill, &others, set, seed, &mut |_| {}).is_ok())
     })?;
     let set = &fitted.set;
     let mut model = fitted.model(skill, demonstrations, seed);
@@ -227,15 +226,7 @@ pub fn learn(
     warnings.extend(two_ways(demonstrations, set, span_m));
     warnings.extend(fit_warnings(&model.fit, span_m));
     let samples = demonstrations.iter().map(|d| d.poses.len()).sum();
-    Ok(Trained {
-        model,
-        warnings,
-        times: clock.times,
-        samples,
-        choice: None,
-        alignments: alignments.clone(),
-        pauses: pauses.clone(),
-    })
+    Ok(Trained { model, warnings, times: clock.times, samples, choice: None })
 }
 
 /// What the steps in between give.
@@ -253,12 +244,12 @@ impl FittedPolicy {
     fn new(
         skill: &Skill,
         demonstrations: &[Demonstration],
+        set: CanonicalSet,
         seed: u64,
         done: &mut dyn FnMut(Step),
     ) -> Result<Self, TrainError> {
-        let set = canonicalise(skill, demonstrations)?;
         let agreement = Agreement::new(skill, demonstrations, &set);
-        done(Step::CanonicalCoordinates);
+        done(Step::Agreement);
         let samples = Samples::new(skill, demonstrations, &set);
         let mixture = samples.learn(skill, skill.mixture.components, seed)?;
         done(Step::Mixture);
@@ -311,12 +302,6 @@ impl FittedPolicy {
             },
         }
     }
-}
-
-/// Duration of the demonstrations, in the mean \[s\]; aligned ones last alike.
-fn mean_duration_s(demonstrations: &[Demonstration]) -> f64 {
-    let duration = |d: &Demonstration| (d.poses.len() - 1) as f64 * d.sampling_time_s;
-    demonstrations.iter().map(duration).sum::<f64>() / demonstrations.len() as f64
 }
 
 /// Frames and goal as the model file stores them.
@@ -376,10 +361,10 @@ fn alignment_warnings(
     if let Some((paused, name)) = named().max_by(|a, b| a.0.pauses_s.total_cmp(&b.0.pauses_s))
         && paused.pauses_s > 0.0
     {
-        let others = alignments.iter().filter(|a| a.pauses_s > 0.0).count() - 1;
-        let others = if others > 0 { format!(" (and {others} others)") } else { String::new() };
+        let count = alignments.iter().filter(|a| a.pauses_s > 0.0).count();
         warnings.push(format!(
-            "`{name}`{others} pauses for {:.1} s where others do not: it is left out",
+            "{} pauses for {:.1} s where others do not: it is left out",
+            with_others(name, count),
             paused.pauses_s
         ));
     }
@@ -472,11 +457,7 @@ fn left(
 ) -> Option<String> {
     let far = demonstrations.iter().filter(|row| by(row) > most);
     let worst = far.clone().max_by(|a, b| by(a).total_cmp(&by(b)))?;
-    let others = match far.count() {
-        1 => String::new(),
-        count => format!(" (and {} others)", count - 1),
-    };
-    Some(format!("`{}`{others} is left by {}", worst.name, text(by(worst))))
+    Some(format!("{} is left by {}", with_others(&worst.name, far.count()), text(by(worst))))
 }
 
 #[cfg(test)]

@@ -378,7 +378,7 @@ fn a_third_frame_is_learned_from_too() {
         assert_eq!(names, ["start", "end", "box"]);
 
         // The mean of a mixture is that of its samples, here as the box sees them.
-        let aligned = best_aligned(&skill, &demonstrated).unwrap().demonstrations;
+        let aligned = best_aligned(&skill, &demonstrated).unwrap().0.demonstrations;
         let (mut sum, mut count) = (DVec3::ZERO, 0.0);
         for demonstration in &aligned {
             let moving = &demonstration.poses;

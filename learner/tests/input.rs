@@ -201,6 +201,22 @@ fn the_repository_s_skill_files_are_valid() {
 }
 
 #[test]
+fn skill_files_of_the_schema_before_are_read_with_the_shipped_alignment() {
+    let folder = Folder::new("schema-4");
+    for template in ["planar.ron", "planar_thesis.ron"] {
+        let text = skill_text(template);
+        let begin = text.find("  alignment: (").unwrap();
+        let end = begin + text[begin..].find("\n  ),\n").unwrap() + "\n  ),\n".len();
+        let without = format!("{}{}", &text[..begin], &text[end..]);
+        let older = without.replace("tprmp-skill/5", "tprmp-skill/4");
+        let read = |text: &str| Skill::read(&folder.write("skill.ron", text));
+        assert_eq!(read(&older).unwrap().alignment, read(&text).unwrap().alignment, "{template}");
+        let missing = read(&without).unwrap_err().to_string();
+        assert!(missing.contains("key `alignment`"), "{missing}");
+    }
+}
+
+#[test]
 fn wrong_skill_files_are_refused_by_key_and_place() {
     let folder = Folder::new("skill");
     let good = skill_text("planar.ron");

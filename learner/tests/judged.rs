@@ -145,7 +145,7 @@ fn pauses_that_all_make_are_kept_and_others_are_not() {
     let duration_s = |demonstrations: &[Demonstration]| {
         let aligned = align(&skill, demonstrations).unwrap();
         let first = &aligned.demonstrations[0];
-        ((first.poses.len() - 1) as f64 * first.sampling_time_s, aligned)
+        (first.duration_s(), aligned)
     };
     let (plain_s, _) = duration_s(&demonstrations);
     // A second of rest in the middle.

@@ -60,12 +60,7 @@ impl Robot {
 
     /// Stays where it is until the recorder has said this; gives what it said since the last time.
     fn rest_until(&mut self, recorder: &Recorder, said: &str) -> String {
-        let begin = Instant::now();
-        while !recorder.has_said(said) {
-            assert!(begin.elapsed() < PATIENCE, "expected `{said}` in: {}", recorder.all_said());
-            self.publish();
-        }
-        recorder.hear()
+        recorder.hear_while("", said, PATIENCE, || self.publish())
     }
 
     /// Stays where it is for as long as everything has to rest, and somewhat longer.
@@ -107,6 +102,22 @@ pub(crate) struct Recorder {
 }
 
 impl Recorder {
+    /// Goes on until it has said this; gives what it said since the last time.
+    pub(crate) fn hear_while(
+        &self,
+        case: &str,
+        said: &str,
+        patience: Duration,
+        mut go_on: impl FnMut(),
+    ) -> String {
+        let begin = Instant::now();
+        while !self.has_said(said) {
+            assert!(begin.elapsed() < patience, "{case} expected `{said}` in: {}", self.all_said());
+            go_on();
+        }
+        self.hear()
+    }
+
     fn command(place: &Place, skill: &str, options: &[&str]) -> Command {
         let mut command = program("learner");
         command.args(Self::arguments(place, "planar", skill)).args(options);

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::Stdio;
 use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use glam::{DQuat, DVec3};
 use nalgebra::SVector;
@@ -98,13 +98,8 @@ impl Arm {
     }
 
     fn rest_until(&mut self, recorder: &Recorder, said: &str) -> String {
-        let begin = Instant::now();
-        while !recorder.has_said(said) {
-            let (case, all) = (self.case, recorder.all_said());
-            assert!(begin.elapsed() < PATIENCE, "{case:?}: expected `{said}` in: {all}");
-            self.publish();
-        }
-        recorder.hear()
+        let case = format!("{:?}:", self.case);
+        recorder.hear_while(&case, said, PATIENCE, || self.publish())
     }
 
     /// With minimum jerk.

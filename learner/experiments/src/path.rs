@@ -1,22 +1,11 @@
 //! Paths of points.
 
 use glam::DVec3;
-use tprmp_learner::demonstration::Demonstration;
 use tprmp_spatial::Pose;
 
 /// The positions of poses.
 pub(crate) fn positions(poses: &[Pose]) -> Vec<DVec3> {
     poses.iter().map(|pose| pose.position).collect()
-}
-
-/// How long a demonstration takes [s].
-pub(crate) fn duration_s(demonstration: &Demonstration) -> f64 {
-    (demonstration.poses.len() - 1) as f64 * demonstration.sampling_time_s
-}
-
-/// How long demonstrations, of which there is at least one, take on average [s].
-pub(crate) fn mean_duration_s(demonstrations: &[Demonstration]) -> f64 {
-    demonstrations.iter().map(duration_s).sum::<f64>() / demonstrations.len() as f64
 }
 
 /// A path's point, velocity and acceleration by central differences; at rest after its end.

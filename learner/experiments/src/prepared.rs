@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 use tprmp_learner::certify::policy::LearnedPolicy;
+use tprmp_learner::demonstration::mean_duration_s;
 
 use crate::baselines::dmp::Dmp;
 use crate::baselines::lqr::Lqr;
@@ -10,7 +11,7 @@ use crate::bench::Bench;
 use crate::conditions::Conditions;
 use crate::dataset::SkillSet;
 use crate::experiment::{Compared, PolicyKind, Space};
-use crate::path::{mean_duration_s, positions};
+use crate::path::positions;
 use crate::world::{RunOutcome, run};
 
 /// A policy that has learned a skill, or tracks a demonstration of it.

@@ -9,7 +9,7 @@ use tprmp_spatial::Pose;
 use tprmp_spatial::rotation::rotation_vector;
 
 use crate::alignment::groups::two_groups;
-use crate::demonstration::{Demonstration, diagonal};
+use crate::demonstration::{Demonstration, largest_span_m};
 use crate::skill::Skill;
 
 /// Orientations of people who do the same differ by less \[rad\] …
@@ -109,8 +109,7 @@ fn all_in_another_order(skill: &Skill, demonstrations: &[Demonstration]) -> Opti
     let reordered = |order: &Reordered| -> Vec<Demonstration> {
         demonstrations.iter().map(|d| order.applied(d)).collect()
     };
-    let has_start = skill.start_frame != skill.goal_frame;
-    if has_start && demonstrations.iter().all(|d| start_angle(d) > OTHER_ORDER_RAD) {
+    if skill.has_start_frame() && demonstrations.iter().all(|d| start_angle(d) > OTHER_ORDER_RAD) {
         let fits =
             |order: &Reordered| reordered(order).iter().all(|d| start_angle(d) < SAME_ORDER_RAD);
         let order = Reordered::ALL.into_iter().find(fits)?;
@@ -124,13 +123,12 @@ fn all_in_another_order(skill: &Skill, demonstrations: &[Demonstration]) -> Opti
             worst.name
         ));
     }
-    let apart = Ends::new(skill, demonstrations).largest_deviation(demonstrations);
+    let apart = Ends::new(skill, demonstrations).largest_deviation();
     if apart < OTHER_ORDER_RAD {
         return None;
     }
     let fits = |order: &Reordered| {
-        let reordered = reordered(order);
-        Ends::new(skill, &reordered).largest_deviation(&reordered) < apart / REORDERED_RATIO
+        Ends::new(skill, &reordered(order)).largest_deviation() < apart / REORDERED_RATIO
     };
     let order = Reordered::ALL.into_iter().find(fits)?;
     Some(format!(
@@ -196,8 +194,7 @@ impl<'a> Ends<'a> {
             demonstrations.iter().map(start_in_frame).collect::<Vec<_>>(),
             demonstrations.iter().map(end_in_frame).collect(),
         ];
-        let spans = demonstrations.iter().map(|d| diagonal(d.poses.iter().map(|p| p.position)));
-        let span_m = spans.fold(0.0, f64::max);
+        let span_m = largest_span_m(demonstrations);
         let middle = [0, 1].map(|end: usize| {
             let apart = |i: &usize| -> f64 {
                 let here = &poses[end][*i];
@@ -227,8 +224,8 @@ impl<'a> Ends<'a> {
     }
 
     /// The largest of all.
-    fn largest_deviation(&self, demonstrations: &[Demonstration]) -> f64 {
-        let each = demonstrations.iter().enumerate().map(|(i, d)| self.deviation(i, d));
+    fn largest_deviation(&self) -> f64 {
+        let each = self.demonstrations.iter().enumerate().map(|(i, d)| self.deviation(i, d));
         each.fold(0.0, f64::max)
     }
 
@@ -241,11 +238,6 @@ impl<'a> Ends<'a> {
 
     fn frame(&self, end: usize) -> &str {
         if end == 0 { &self.skill.start_frame } else { &self.skill.goal_frame }
-    }
-
-    /// Whether the start says anything: a skill of one frame starts where it likes.
-    fn has_start(&self) -> bool {
-        self.skill.start_frame != self.skill.goal_frame
     }
 
     fn rotations(&self, odd: &mut [bool]) -> Vec<String> {
@@ -261,7 +253,8 @@ impl<'a> Ends<'a> {
             if odd[i] {
                 continue;
             }
-            let at = [self.has_start() && outliers[0][i], outliers[1][i]];
+            // A skill of one frame starts where it likes.
+            let at = [self.skill.has_start_frame() && outliers[0][i], outliers[1][i]];
             let name = &self.demonstrations[i].name;
             let by = |end: usize| {
                 let by = turned[end][i];

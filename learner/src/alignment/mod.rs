@@ -21,7 +21,7 @@
 
 pub mod consistency;
 pub(crate) mod groups;
-mod resample;
+pub(crate) mod resample;
 pub mod rest;
 mod template;
 mod timing;
@@ -33,7 +33,7 @@ use crate::alignment::rest::{DemonstrationError, Motion};
 use crate::alignment::template::Views;
 use crate::alignment::timing::{CommonTime, Track};
 use crate::canonical::kaiser_smoothing::kaiser_smoothing;
-use crate::canonical::means::mean_start;
+use crate::canonical::means::{mean_pose, mean_start};
 use crate::demonstration::Demonstration;
 use crate::skill::{AlignmentMethod, FitSettings, Skill};
 
@@ -55,8 +55,6 @@ pub struct Alignment {
     pub samples: Vec<f64>,
     /// Time between the samples of the recording \[s\].
     pub sampling_time_s: f64,
-    /// Rest that was cut at the start and at the end \[s\].
-    pub rests_s: [f64; 2],
     /// Pauses that the others do not make, which were cut \[s\].
     pub pauses_s: f64,
     /// Duration of the motion, without them \[s\].
@@ -88,9 +86,7 @@ impl Alignment {
     }
 }
 
-/// Cuts rests, and brings the demonstrations to a common time, as the skill's `alignment` says. What the
-/// fit smooths before anything else is smoothed first; the start frame of a skill that has no other is
-/// fixed to its goal frame.
+/// Cuts rests, and brings the demonstrations to a common time, as the skill's `alignment` says.
 ///
 /// # Errors
 /// [`DemonstrationError`]: one does not move.
@@ -98,33 +94,56 @@ impl Alignment {
 /// # Panics
 /// When there is no demonstration, or one lacks a frame of the skill.
 pub fn align(skill: &Skill, recorded: &[Demonstration]) -> Result<Aligned, DemonstrationError> {
-    let demonstrations = with_start_frame(skill, smoothed(skill, recorded));
-    let motions = rest::motions(&demonstrations, &skill.smoothing, &skill.scale)?;
-    let settings = &skill.alignment;
-    if matches!(skill.fit, FitSettings::Thesis(_)) && settings.method == AlignmentMethod::Clock {
-        return Ok(as_recorded(demonstrations, &motions));
+    Ok(Prepared::new(skill, recorded)?.aligned(skill.alignment.method))
+}
+
+/// Demonstrations of which it is known when they move. What the fit smooths before anything else is
+/// smoothed; the start frame of a skill that has no other is fixed to its goal frame.
+pub(crate) struct Prepared<'a> {
+    skill: &'a Skill,
+    demonstrations: Vec<Demonstration>,
+    motions: Vec<Motion>,
+}
+
+impl<'a> Prepared<'a> {
+    /// # Errors
+    /// [`DemonstrationError`]: one does not move.
+    pub(crate) fn new(
+        skill: &'a Skill,
+        recorded: &[Demonstration],
+    ) -> Result<Self, DemonstrationError> {
+        let demonstrations = with_start_frame(skill, smoothed(skill, recorded));
+        let motions = rest::motions(&demonstrations, &skill.smoothing, &skill.scale)?;
+        Ok(Self { skill, demonstrations, motions })
     }
-    let track = |motion: &Motion| match settings.method {
-        AlignmentMethod::Clock => Track::by_clock(motion),
-        _ => Track::new(motion, settings.pause_min_s),
-    };
-    let tracks: Vec<Track> = motions.iter().map(track).collect();
-    let warps = match settings.method {
-        AlignmentMethod::Clock | AlignmentMethod::ArcLength => Vec::new(),
-        AlignmentMethod::Barycentre => {
+
+    /// Brought to a common time by a method.
+    pub(crate) fn aligned(&self, method: AlignmentMethod) -> Aligned {
+        let Self { skill, demonstrations, motions } = self;
+        let settings = &skill.alignment;
+        if matches!(skill.fit, FitSettings::Thesis(_)) && method == AlignmentMethod::Clock {
+            return as_recorded(demonstrations.clone(), motions);
+        }
+        let track = |motion: &Motion| match method {
+            AlignmentMethod::Clock => Track::by_clock(motion),
+            _ => Track::new(motion, settings.pause_min_s),
+        };
+        let tracks: Vec<Track> = motions.iter().map(track).collect();
+        let warped = |frames: &[usize]| {
+            let views = Views::new(skill, demonstrations, motions, &tracks, frames);
+            template::warps(&views, settings)
+        };
+        let warps = match method {
+            AlignmentMethod::Clock | AlignmentMethod::ArcLength => Vec::new(),
             // The goal's view alone, in which every demonstration ends alike.
-            let goal = usize::from(skill.start_frame != skill.goal_frame);
-            let views = Views::new(skill, &demonstrations, &motions, &tracks, &[goal]);
-            template::warps(&views, settings)
-        }
-        AlignmentMethod::Joint => {
-            let frames: Vec<usize> = (0..skill.frames(&demonstrations[0]).len()).collect();
-            let views = Views::new(skill, &demonstrations, &motions, &tracks, &frames);
-            template::warps(&views, settings)
-        }
-    };
-    let common = CommonTime::new(&tracks, &warps);
-    Ok(at_common_times(demonstrations, &motions, &tracks, &common))
+            AlignmentMethod::Barycentre => warped(&[skill.goal_index()]),
+            AlignmentMethod::Joint => {
+                warped(&(0..skill.frames(&demonstrations[0]).len()).collect::<Vec<_>>())
+            }
+        };
+        let common = CommonTime::new(&tracks, &warps);
+        at_common_times(demonstrations.clone(), motions, &tracks, &common)
+    }
 }
 
 /// Without the rests, each at its own times, as the thesis does it.
@@ -136,7 +155,6 @@ fn as_recorded(mut demonstrations: Vec<Demonstration>, motions: &[Motion]) -> Al
         alignments.push(Alignment {
             samples: moving.clone().map(|sample| sample as f64).collect(),
             sampling_time_s: dt,
-            rests_s: [moving.start as f64 * dt, (last + 1 - moving.end) as f64 * dt],
             pauses_s: 0.0,
             duration_s: (moving.len() - 1) as f64 * dt,
         });
@@ -163,11 +181,10 @@ fn at_common_times(
         let last = demonstration.poses.len() - 1;
         let moving = &motions[i].moving;
         // It begins and ends where it rests: at first, and at last.
-        poses[0] = resample::mean(&demonstration.poses[..=moving.start / 2]);
+        poses[0] = mean_pose(&demonstration.poses[..=moving.start / 2]);
         let end = (moving.end - 1 + last).div_ceil(2);
-        *poses.last_mut().expect("there are some") = resample::mean(&demonstration.poses[end..]);
+        *poses.last_mut().expect("there are some") = mean_pose(&demonstration.poses[end..]);
         alignments.push(Alignment {
-            rests_s: [moving.start as f64 * dt, (last + 1 - moving.end) as f64 * dt],
             pauses_s: tracks[i].pauses_s() - common.kept_pauses_s(i),
             duration_s: tracks[i].duration_s() + common.kept_pauses_s(i),
             samples,
@@ -193,7 +210,7 @@ fn smoothed(skill: &Skill, recorded: &[Demonstration]) -> Vec<Demonstration> {
 
 /// With a start frame that is fixed to the goal frame for skills that have no other.
 fn with_start_frame(skill: &Skill, mut demonstrations: Vec<Demonstration>) -> Vec<Demonstration> {
-    if skill.start_frame == skill.goal_frame {
+    if !skill.has_start_frame() {
         let start = mean_start(&demonstrations);
         for demonstration in &mut demonstrations {
             demonstration.start = demonstration.goal_frame.compose(&start);

@@ -1,7 +1,8 @@
 //! Poses between the samples of a recording.
 
-use glam::{DQuat, DVec3};
 use tprmp_spatial::Pose;
+
+use crate::canonical::means::mean_pose;
 
 /// Poses at samples with fractions, in increasing order: each the mean of the samples that are nearer to it
 /// than to its neighbours, so that nothing of a faster recording is lost, or interpolated where there
@@ -17,7 +18,11 @@ pub(crate) fn poses(recorded: &[Pose], samples: &[f64]) -> Vec<Pose> {
         };
         let first = (samples[i] - reach).ceil() as usize;
         let end = ((samples[i] + reach).floor() as usize + 1).min(recorded.len());
-        if first + 1 < end { mean(&recorded[first..end]) } else { between(recorded, samples[i]) }
+        if first + 1 < end {
+            mean_pose(&recorded[first..end])
+        } else {
+            between(recorded, samples[i])
+        }
     };
     (0..samples.len()).map(pose).collect()
 }
@@ -27,15 +32,4 @@ pub(crate) fn between(recorded: &[Pose], sample: f64) -> Pose {
     let last = recorded.len() - 1;
     let i = (sample.max(0.0) as usize).min(last);
     recorded[i].interpolate(&recorded[(i + 1).min(last)], (sample - i as f64).clamp(0.0, 1.0))
-}
-
-/// The mean of poses near each other: of their quaternions, in the first one's hemisphere.
-pub(crate) fn mean(poses: &[Pose]) -> Pose {
-    let position = poses.iter().map(|pose| pose.position).sum::<DVec3>() / poses.len() as f64;
-    let first = poses[0].orientation;
-    let sum = poses.iter().fold(DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), |sum, pose| {
-        let q = pose.orientation;
-        sum + if q.dot(first) < 0.0 { -q } else { q }
-    });
-    Pose { position, orientation: sum.normalize() }
 }

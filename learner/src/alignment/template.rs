@@ -115,8 +115,8 @@ struct Mean {
 /// c_i(a, b) = Σ_p w_p(b) |x_i^p(a) − m^p(b)|² / V^p(b)     w_p = (1/V^p) / Σ_q 1/V^q
 /// ```
 ///
-/// for positions and for orientations, with the mean m^p and the mean square distance V^p from it, of frame p. Alternating: means from the maps,
-/// then each map from the means.
+/// for positions and for orientations, with the mean m^p and the mean square distance V^p from it, of frame
+/// p. Alternating: means from the maps, then each map from the means.
 pub(crate) fn warps(views: &Views, settings: &AlignmentSettings) -> Vec<Warp> {
     let count = views.places();
     let mut warps = vec![Warp::identity(count); views.demonstrations()];

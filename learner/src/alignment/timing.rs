@@ -3,6 +3,8 @@
 
 use std::ops::Range;
 
+use tprmp_drawing::quantile;
+
 use crate::alignment::rest::Motion;
 use crate::alignment::warp::{Warp, interpolated};
 
@@ -147,7 +149,7 @@ impl CommonTime {
             .enumerate()
             .map(|(i, track)| places.iter().map(|b| track.active_at(warped(i, *b))).collect())
             .collect();
-        let duration_s = median(tracks.iter().map(Track::duration_s).collect());
+        let duration_s = median(&tracks.iter().map(Track::duration_s).collect::<Vec<_>>());
         let fractions: Vec<Vec<f64>> = active
             .iter()
             .map(|places| places.iter().map(|place| place / places[places.len() - 1]).collect())
@@ -163,7 +165,7 @@ impl CommonTime {
         let pauses = common_pauses(tracks, &at, SAME_PAUSE * duration_s);
         let whole_s = duration_s + pauses.iter().map(|pause| pause.duration_s).sum::<f64>();
         let recorded_at_s: Vec<f64> = tracks.iter().map(|track| track.sampling_time_s).collect();
-        let wanted_s = median(recorded_at_s.clone());
+        let wanted_s = median(&recorded_at_s);
         let least_s = SAMPLING_TIME_MIN_S.min(duration_s / 100.0).max(whole_s / SAMPLES_MAX);
         let steps = (whole_s / wanted_s.max(least_s)).round().max(1.0) as usize;
         let sampling_time_s = whole_s / steps as f64;
@@ -305,7 +307,7 @@ fn common_pauses(
         let lengths = lengths.map(|(samples, track)| samples.len() as f64 * track.sampling_time_s);
         pauses.push(Pause {
             at_s: matched.iter().map(|(_, time)| time).sum::<f64>() / matched.len() as f64,
-            duration_s: median(lengths.collect()),
+            duration_s: median(&lengths.collect::<Vec<_>>()),
             samples,
         });
     }
@@ -313,8 +315,6 @@ fn common_pauses(
 }
 
 /// The middle value; of an even number of them the mean of both.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let half = values.len() / 2;
-    if values.len() % 2 == 1 { values[half] } else { 0.5 * (values[half - 1] + values[half]) }
+fn median(values: &[f64]) -> f64 {
+    quantile(values, 0.5).expect("there are demonstrations")
 }

@@ -1,17 +1,17 @@
 //! How well demonstrations agree: as each frame sees them, in the map of all frames, and with what the
 //! others predict.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
 use tprmp_spatial::Pose;
 
 use crate::alignment::consistency::names;
 use crate::alignment::groups::two_groups;
 use crate::alignment::rest::DemonstrationError;
-use crate::alignment::{Aligned, align};
+use crate::alignment::{Aligned, Prepared};
 use crate::canonical::coordinates::{CanonicalDemonstration, CanonicalSet, canonicalise};
 use crate::canonical::means::mean_pose;
-use crate::demonstration::{Demonstration, diagonal};
+use crate::demonstration::{Demonstration, largest_span_m};
 use crate::skill::{AlignmentMethod, Skill};
 
 /// Fractions of the common time at which agreement is looked at, the ends included.
@@ -23,6 +23,13 @@ const WORSE_FRACTION: f64 = 0.02;
 /// … at so many places in a row.
 const WORSE_STEPS: usize = 3;
 
+/// Two paths lie apart by this fraction of the span …
+const WAYS_FRACTION: f64 = 0.04;
+/// … or this angle \[rad\] …
+const WAYS_RAD: f64 = 0.35;
+/// … at so many places.
+const WAYS_STEPS: usize = 4;
+
 /// Root of the mean square distance of demonstrations from their mean [m, rad], at [`STEPS`] fractions of
 /// the common time.
 #[derive(Clone, Debug)]
@@ -32,9 +39,6 @@ pub struct Agreement {
     /// In canonical coordinates, which the map of all frames gives.
     pub map: Vec<[f64; 2]>,
 }
-
-/// How far a demonstration is from what the others predict, root of the mean square [m, rad].
-pub type Predicted = [f64; 2];
 
 impl Agreement {
     /// How aligned demonstrations agree.
@@ -70,8 +74,7 @@ impl Agreement {
     /// Where the map of the frames loses what a frame sees: a sentence each.
     #[must_use]
     pub fn warnings(&self, skill: &Skill, demonstrations: &[Demonstration]) -> Vec<String> {
-        let span = demonstrations.iter().map(|d| diagonal(d.poses.iter().map(|p| p.position)));
-        let span_m = span.fold(0.0, f64::max);
+        let span_m = largest_span_m(demonstrations);
         let names: Vec<&str> =
             skill.named_frames(&demonstrations[0]).map(|(name, _)| name).collect();
         let mut warnings = Vec::new();
@@ -101,8 +104,8 @@ impl Agreement {
     }
 }
 
-/// The alignment under which the demonstrations agree best: that of the skill, or, where people kept time
-/// better than their paths tell, the clock.
+/// The alignment under which the demonstrations agree best, and their canonical coordinates: the skill's
+/// alignment, or, where people kept time better than their paths tell, the clock.
 ///
 /// # Errors
 /// [`DemonstrationError`]: a demonstration does not move, or cannot be brought into canonical coordinates.
@@ -112,21 +115,24 @@ impl Agreement {
 pub fn best_aligned(
     skill: &Skill,
     recorded: &[Demonstration],
-) -> Result<Aligned, DemonstrationError> {
-    let aligned = align(skill, recorded)?;
-    if skill.alignment.method != AlignmentMethod::Joint || recorded.len() < 2 {
-        return Ok(aligned);
-    }
-    let mut clock = skill.clone();
-    clock.alignment.method = AlignmentMethod::Clock;
-    let by_clock = align(&clock, recorded)?;
-    let apart = |aligned: &Aligned| -> Result<f64, DemonstrationError> {
+) -> Result<(Aligned, CanonicalSet), DemonstrationError> {
+    let prepared = Prepared::new(skill, recorded)?;
+    let of = |method| -> Result<_, DemonstrationError> {
+        let aligned = prepared.aligned(method);
         let set = canonicalise(skill, &aligned.demonstrations)?;
-        let map = Agreement::new(skill, &aligned.demonstrations, &set).map;
-        let [metres, radians] = set.scales;
-        Ok(map.iter().map(|at| (at[0] * metres).powi(2) + (at[1] * radians).powi(2)).sum())
+        Ok((aligned, set))
     };
-    Ok(if apart(&by_clock)? < apart(&aligned)? { by_clock } else { aligned })
+    let chosen = of(skill.alignment.method)?;
+    if skill.alignment.method != AlignmentMethod::Joint || recorded.len() < 2 {
+        return Ok(chosen);
+    }
+    let by_clock = of(AlignmentMethod::Clock)?;
+    let apart = |(aligned, set): &(Aligned, CanonicalSet)| -> f64 {
+        let map = Agreement::new(skill, &aligned.demonstrations, set).map;
+        let [metres, radians] = set.scales;
+        map.iter().map(|at| (at[0] * metres).powi(2) + (at[1] * radians).powi(2)).sum()
+    };
+    Ok(if apart(&by_clock) < apart(&chosen) { by_clock } else { chosen })
 }
 
 fn percent(step: usize) -> f64 {
@@ -140,7 +146,7 @@ fn sample(count: usize, step: usize) -> usize {
 
 /// A canonical sample as a pose.
 fn pose(d: &CanonicalDemonstration, i: usize) -> Pose {
-    let orientation = glam::DQuat::from_scaled_axis(d.rotation.points[i]);
+    let orientation = DQuat::from_scaled_axis(d.rotation.points[i]);
     Pose { position: d.position.points[i], orientation }
 }
 
@@ -152,20 +158,20 @@ fn spread(poses: &[Pose], rotates: bool) -> [f64; 2] {
     [(metres / count).sqrt(), if rotates { (radians / count).sqrt() } else { 0.0 }]
 }
 
-/// What the others predict of each demonstration: the mean of their canonical paths, through its frames.
-/// Nothing is predicted of the only one.
+/// How far each demonstration is from what the others predict, the mean of their canonical paths, through its
+/// frames: root of the mean square [m, rad]. Nothing is predicted of the only one.
 #[must_use]
 pub fn predicted(
     skill: &Skill,
     demonstrations: &[Demonstration],
     set: &CanonicalSet,
-) -> Vec<Predicted> {
+) -> Vec<[f64; 2]> {
     let count = set.demonstrations.len();
     if count < 2 {
         return vec![[0.0; 2]; count];
     }
     let rotates = skill.manifold.has_orientation();
-    let of = |i: usize| -> Predicted {
+    let of = |i: usize| -> [f64; 2] {
         let (mut metres, mut radians) = (0.0, 0.0);
         let poses = &demonstrations[i].poses;
         for (k, pose) in poses.iter().enumerate() {
@@ -239,10 +245,3 @@ pub fn two_ways(
     }
     None
 }
-
-/// Two paths lie apart by this fraction of the span …
-const WAYS_FRACTION: f64 = 0.04;
-/// … or this angle \[rad\] …
-const WAYS_RAD: f64 = 0.35;
-/// … at so many places.
-const WAYS_STEPS: usize = 4;

@@ -16,7 +16,7 @@ use crate::canonical::path::Path;
 use crate::canonical::phase_profile::PhaseProfile;
 use crate::canonical::savitzky_golay::smooth;
 use crate::canonical::scales::{scales, span};
-use crate::demonstration::Demonstration;
+use crate::demonstration::{Demonstration, mean_duration_s};
 use crate::skill::{FitSettings, Skill};
 
 /// Largest angle between a demonstrated orientation and the goal's \[rad\]: the chart ends at π, and its
@@ -70,9 +70,7 @@ pub fn canonicalise(
         .iter()
         .map(|d| Moving { frames: skill.frames(d), poses: &d.poses })
         .collect();
-    let durations = demonstrations.iter().map(|d| (d.poses.len() - 1) as f64 * d.sampling_time_s);
-    let mean_duration_s = durations.sum::<f64>() / demonstrations.len() as f64;
-    let profile = PhaseProfile::of(&skill.fit, mean_duration_s);
+    let profile = PhaseProfile::of(&skill.fit, mean_duration_s(demonstrations));
     let (map, fractions) = frame_map::choose(skill, &mean, &moving, &profile).map_err(|error| {
         DemonstrationError { name: demonstrations[0].name.clone(), problem: format!("{error:?}") }
     })?;

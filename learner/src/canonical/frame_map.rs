@@ -96,7 +96,7 @@ impl Chooser<'_> {
     fn anchors(&self) -> (Vec<Anchor>, Vec<Option<f64>>) {
         let mut anchors = Vec::new();
         let mut goal = 0;
-        if self.skill.start_frame != self.skill.goal_frame {
+        if self.skill.has_start_frame() {
             let (frame, point) = (self.mean.start, self.mean.start.position);
             anchors.push(Anchor { index: 0, frame, point, phase: 0.0 });
             goal = 1;
@@ -183,7 +183,7 @@ impl Chooser<'_> {
     /// The map with what the path adapts by, where that predicts demonstrations better.
     fn adapted(&self, (map, spread): (FrameMap, f64)) -> (FrameMap, f64) {
         // A frame in between is passed at its phase, and against one frame alone nothing shifts.
-        let two = map.anchors().len() == 2 && self.skill.start_frame != self.skill.goal_frame;
+        let two = map.anchors().len() == 2 && self.skill.has_start_frame();
         let FitSettings::Canonical(settings) = &self.skill.fit else { return (map, spread) };
         if !two {
             return (map, spread);

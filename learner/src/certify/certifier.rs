@@ -43,9 +43,8 @@ impl<'a> Certifier<'a> {
         set: &'a CanonicalSet,
         policy: &'a LearnedPolicy,
     ) -> Self {
-        let first = &demonstrations[0];
-        let duration_s = (first.poses.len() - 1) as f64 * first.sampling_time_s;
-        let horizon_s = skill.certification.horizon_s.max(DURATIONS * duration_s);
+        let horizon_s =
+            skill.certification.horizon_s.max(DURATIONS * demonstrations[0].duration_s());
         Self { skill, policy, starts: Starts { skill, demonstrations, set }, horizon_s }
     }
 
@@ -76,8 +75,7 @@ impl<'a> Certifier<'a> {
     ) -> DemonstrationRollout {
         let settings = &self.skill.certification;
         let step_s = settings.demonstration_step_s;
-        let duration_s = (aligned.poses.len() - 1) as f64 * aligned.sampling_time_s;
-        let steps = (self.horizon_s.max(duration_s) / step_s).ceil() as usize + 1;
+        let steps = (self.horizon_s.max(aligned.duration_s()) / step_s).ceil() as usize + 1;
         let target = Target { goal: self.starts.goal(&aligned.goal_frame), arrived: None };
         let spec = self.spec(aligned.poses[0], step_s, steps);
         let frames = at_rest(&self.skill.frames(aligned));

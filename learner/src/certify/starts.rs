@@ -57,7 +57,7 @@ impl Starts<'_> {
         if displaced {
             frames.iter_mut().for_each(|frame| *frame = self.displaced(frame, random));
         }
-        let goal_frame = frames[usize::from(skill.goal_frame != skill.start_frame)];
+        let goal_frame = frames[skill.goal_index()];
         let frames = at_rest(&frames);
         let transforms = set.map.transforms(&frames).expect("they are the skill's frames");
         let mut pose = set.map.forward(&transforms, phase, &near);

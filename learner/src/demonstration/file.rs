@@ -10,6 +10,7 @@ use tprmp_model::skill_model::{Manifold, sha256_hex};
 use tprmp_spatial::Pose;
 
 use crate::demonstration::at_most::{Row, at_most};
+use crate::demonstration::bounds::diagonal;
 use crate::file_error::{FileError, read_text};
 
 /// Schema version this module reads and writes.
@@ -55,6 +56,26 @@ pub struct Demonstration {
     pub other_frames: BTreeMap<String, Pose>,
     /// Poses of the tool in the robot's base frame; planar ones have z = 0 and no rotation.
     pub poses: Vec<Pose>,
+}
+
+impl Demonstration {
+    /// How long it takes \[s\].
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        (self.poses.len() - 1) as f64 * self.sampling_time_s
+    }
+}
+
+/// How long demonstrations, of which there is at least one, take on average \[s\].
+#[must_use]
+pub fn mean_duration_s(demonstrations: &[Demonstration]) -> f64 {
+    demonstrations.iter().map(Demonstration::duration_s).sum::<f64>() / demonstrations.len() as f64
+}
+
+/// Largest diagonal of the box around a demonstration's samples \[m\].
+pub(crate) fn largest_span_m(demonstrations: &[Demonstration]) -> f64 {
+    let spans = demonstrations.iter().map(|d| diagonal(d.poses.iter().map(|p| p.position)));
+    spans.fold(0.0, f64::max)
 }
 
 #[derive(Deserialize)]

@@ -6,7 +6,9 @@ mod file;
 pub mod plausibility;
 
 pub use bounds::diagonal;
+pub(crate) use file::largest_span_m;
 pub use file::{
     BYTES_MAX, DURATION_MAX_S, Demonstration, FileFrame, POINTS_MIN, POSITION_MAX_M, SAMPLES_MAX,
-    SAMPLING_TIME_MIN_S, SCHEMA, columns, frame, other_frames, read, read_folder, to_text,
+    SAMPLING_TIME_MIN_S, SCHEMA, columns, frame, mean_duration_s, other_frames, read, read_folder,
+    to_text,
 };

@@ -29,11 +29,7 @@ pub fn warnings(demonstrations: &[Demonstration]) -> Vec<String> {
         let Some((worst, most)) = found.iter().max_by(|a, b| a.1.size.total_cmp(&b.1.size)) else {
             return;
         };
-        let others = match found.len() {
-            1 => String::new(),
-            count => format!(" (and {} others)", count - 1),
-        };
-        warnings.push(format!("`{}`{others} {}", worst.name, text(most)));
+        warnings.push(format!("{} {}", with_others(&worst.name, found.len()), text(most)));
     };
     warn(span, |f| {
         format!("spans {:.0} m: expected positions in metres, are they millimetres?", f.size)
@@ -55,6 +51,14 @@ pub fn warnings(demonstrations: &[Demonstration]) -> Vec<String> {
         )
     });
     warnings
+}
+
+/// The worst of so many demonstrations, and how many others there are.
+pub(crate) fn with_others(worst: &str, count: usize) -> String {
+    match count {
+        1 => format!("`{worst}`"),
+        _ => format!("`{worst}` (and {} others)", count - 1),
+    }
 }
 
 /// Something implausible, and where.

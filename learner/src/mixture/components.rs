@@ -15,7 +15,6 @@ use rayon::prelude::*;
 
 use crate::alignment::rest::DemonstrationError;
 use crate::canonical::agreement::best_aligned;
-use crate::canonical::canonicalise;
 use crate::demonstration::Demonstration;
 use crate::mixture::tp_gmm::Samples;
 use crate::skill::Skill;
@@ -116,9 +115,8 @@ pub fn choose(
     for end in [*range.start(), *range.end()] {
         skill.clone().with_components(end).map_err(ChoiceError::Components)?;
     }
-    let demonstrations = &best_aligned(skill, demonstrations)?.demonstrations;
-    let set = canonicalise(skill, demonstrations)?;
-    let samples = Samples::new(skill, demonstrations, &set);
+    let (aligned, set) = best_aligned(skill, demonstrations)?;
+    let samples = Samples::new(skill, &aligned.demonstrations, &set);
     let most = samples.components_max();
     let tried: Vec<usize> = range.clone().filter(|components| *components <= most).collect();
     let (sender, done) = mpsc::channel();

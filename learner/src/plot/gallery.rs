@@ -8,6 +8,7 @@ use tprmp_spatial::Pose;
 
 use super::figures::{self, OrientationBand, SceneFigures, SeenFromFrame};
 use super::scene::{Scene, Skill, position_part};
+use crate::alignment::resample::between;
 use crate::canonical::{self, PhaseProfile, mean_pose};
 use crate::demonstration::Demonstration;
 
@@ -282,14 +283,12 @@ fn aligned(model: &SkillModel, demonstration: &Demonstration) -> Vec<Pose> {
     let Some(row) = row.filter(|row| row.recorded_s.len() > 1) else {
         return demonstration.poses[moving(&demonstration.poses)].to_vec();
     };
-    let (table, last) = (&row.recorded_s, demonstration.poses.len() - 1);
+    let table = &row.recorded_s;
     let pose = |k: usize| {
         let place = k as f64 / ALIGNED_STEPS as f64 * (table.len() - 1) as f64;
         let i = (place as usize).min(table.len() - 2);
         let time_s = table[i] + (place - i as f64) * (table[i + 1] - table[i]);
-        let sample = (time_s / demonstration.sampling_time_s).clamp(0.0, last as f64);
-        let j = (sample as usize).min(last - 1);
-        demonstration.poses[j].interpolate(&demonstration.poses[j + 1], sample - j as f64)
+        between(&demonstration.poses, time_s / demonstration.sampling_time_s)
     };
     (0..=ALIGNED_STEPS).map(pose).collect()
 }

@@ -14,33 +14,48 @@ const STANDARD_ERRORS: f64 = 4.0;
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Bounds {
     /// A motion begins and ends with so long a rest of the arm; frames rest as long before it [s]
-    #[arg(long, value_name = "S", default_value_t = 1.0, value_parser = seconds)]
+    #[arg(long, value_name = "S", default_value_t = Self::default().rest_s, value_parser = seconds)]
     pub(super) rest_s: f64,
     /// Speeds are means over this time, at most `--rest-s` [s]; longer is steadier and reacts later
     // At 50 Hz it holds 25 states: 1 mrad in each joint of a stretched arm is 1.5 mm at the tool, and
     // its mean speed then has a standard error of 2.4 mm/s, well below the bound.
-    #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = seconds)]
+    #[arg(long, value_name = "S", default_value_t = Self::default().rest_window_s, value_parser = seconds)]
     pub(super) rest_window_s: f64,
     /// The tool rests below this speed, beyond what its noise explains [m/s]
     // A hand that holds an arm still moves it by a millimetre or two a second.
-    #[arg(long, value_name = "M_S", default_value_t = 0.01, value_parser = positive)]
+    #[arg(long, value_name = "M_S", default_value_t = Self::default().rest_speed_m_s, value_parser = positive)]
     pub(super) rest_speed_m_s: f64,
     /// … and when it rotates slower than this [rad/s]
-    #[arg(long, value_name = "RAD_S", default_value_t = 0.05, value_parser = positive)]
+    #[arg(long, value_name = "RAD_S", default_value_t = Self::default().rest_speed_rad_s, value_parser = positive)]
     pub(super) rest_speed_rad_s: f64,
     /// A frame has moved when it is displaced farther than this, beyond what its noise explains [m]
     // An object gives way by less when it is touched.
-    #[arg(long, value_name = "M", default_value_t = 0.005, value_parser = positive)]
+    #[arg(long, value_name = "M", default_value_t = Self::default().frame_noise_m, value_parser = positive)]
     pub(super) frame_noise_m: f64,
     /// … or rotated farther than this [rad]
-    #[arg(long, value_name = "RAD", default_value_t = 0.05, value_parser = positive)]
+    #[arg(long, value_name = "RAD", default_value_t = Self::default().frame_noise_rad, value_parser = positive)]
     pub(super) frame_noise_rad: f64,
     /// A tool that was displaced no farther than this was nudged, not moved [m] …
-    #[arg(long, value_name = "M", default_value_t = 0.01, value_parser = positive)]
+    #[arg(long, value_name = "M", default_value_t = Self::default().motion_min_m, value_parser = positive)]
     pub(super) motion_min_m: f64,
     /// … unless it was rotated farther than this [rad]
-    #[arg(long, value_name = "RAD", default_value_t = 0.1, value_parser = positive)]
+    #[arg(long, value_name = "RAD", default_value_t = Self::default().motion_min_rad, value_parser = positive)]
     pub(super) motion_min_rad: f64,
+}
+
+impl Default for Bounds {
+    fn default() -> Self {
+        Self {
+            rest_s: 1.0,
+            rest_window_s: 0.5,
+            rest_speed_m_s: 0.01,
+            rest_speed_rad_s: 0.05,
+            frame_noise_m: 0.005,
+            frame_noise_rad: 0.05,
+            motion_min_m: 0.01,
+            motion_min_rad: 0.1,
+        }
+    }
 }
 
 impl Bounds {
@@ -89,15 +104,3 @@ fn within(text: &str, least: f64, most: f64, expected: &str) -> Result<f64, Stri
     let number = text.parse().ok().filter(|number| (least..=most).contains(number));
     number.ok_or_else(|| format!("expected {expected}"))
 }
-
-#[cfg(test)]
-pub(super) const DEFAULTS: Bounds = Bounds {
-    rest_s: 1.0,
-    rest_window_s: 0.5,
-    rest_speed_m_s: 0.01,
-    rest_speed_rad_s: 0.05,
-    frame_noise_m: 0.005,
-    frame_noise_rad: 0.05,
-    motion_min_m: 0.01,
-    motion_min_rad: 0.1,
-};

@@ -10,7 +10,7 @@ use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::Pose;
 
 use super::arm::{self, Arm};
-use super::bounds::{Bounds, DEFAULTS};
+use super::bounds::Bounds;
 use super::intake::{Frames, NO_FRAMES};
 use super::noisy::Gaussian;
 use super::recorder::{Event, Recorder, Stage};
@@ -183,7 +183,7 @@ fn mean_error(poses: &[Pose], truth: &Pose) -> Extent {
 #[test]
 fn every_demonstration_is_recorded_from_rest_to_rest_whatever_the_noise() {
     for case in Case::all(0..3) {
-        let mut bench = Bench::new(case, DEFAULTS);
+        let mut bench = Bench::new(case, Bounds::default());
         bench.rest(2.0);
         let motions = [(GOAL, 2.0, 1.6), (START, 4.0, 3.0), (GOAL, 1.0, 2.0)];
         let mut from = START;
@@ -225,7 +225,7 @@ fn check(case: Case, recorded: &Recorded, [from, to]: [&Pose; 2], duration_s: f6
 #[test]
 fn a_minute_of_noisy_rest_records_nothing_and_begins_nothing() {
     for case in Case::all(10..12) {
-        let mut bench = Bench::new(case, DEFAULTS);
+        let mut bench = Bench::new(case, Bounds::default());
         bench.rest(2.0);
         assert_eq!(bench.recorder.stage(), Stage::Ready, "{case:?}");
         for _ in 0..120 {
@@ -241,7 +241,7 @@ fn noise_beyond_the_bare_bounds_widens_them() {
     let encoders = Encoders { noise_rad: 3e-3, quantised: false };
     let camera = Extent { m: 0.01, rad: 0.02 };
     for seed in 50..54 {
-        let mut bench = Bench::new(Case { encoders, camera, rate_hz: 50, seed }, DEFAULTS);
+        let mut bench = Bench::new(Case { encoders, camera, rate_hz: 50, seed }, Bounds::default());
         bench.rest(2.0);
         let mut fastest = Extent::default();
         for _ in 0..600 {
@@ -250,7 +250,7 @@ fn noise_beyond_the_bare_bounds_widens_them() {
             fastest = fastest.max(bench.recorder.observation().motion.unwrap().speed);
         }
         // So the bound without the noise would have been passed.
-        assert!(fastest.m > DEFAULTS.rest_speed_m_s, "{seed}: {fastest:?}");
+        assert!(fastest.m > Bounds::default().rest_speed_m_s, "{seed}: {fastest:?}");
         bench.go(GOAL, 2.0);
         bench.rest(2.0);
         assert_eq!((bench.recorded.len(), bench.begun), (1, 1), "{seed}: {:?}", bench.refused);
@@ -260,7 +260,7 @@ fn noise_beyond_the_bare_bounds_widens_them() {
 #[test]
 fn a_nudge_is_no_demonstration_and_the_next_motion_is() {
     for case in Case::all(20..22) {
-        let mut bench = Bench::new(case, DEFAULTS);
+        let mut bench = Bench::new(case, Bounds::default());
         bench.rest(2.0);
         let mut nudged = START;
         nudged[1] += 0.008;
@@ -276,7 +276,7 @@ fn a_nudge_is_no_demonstration_and_the_next_motion_is() {
 #[test]
 fn a_frame_that_moves_is_noticed_under_noise_before_and_during_a_motion() {
     for case in Case::all(30..32) {
-        let mut bench = Bench::new(case, DEFAULTS);
+        let mut bench = Bench::new(case, Bounds::default());
         bench.rest(2.0);
         for _ in 0..bench.steps(1.0) {
             bench.goal.position.x += 0.06 / f64::from(bench.steps(1.0));
@@ -299,7 +299,8 @@ fn a_frame_that_moves_is_noticed_under_noise_before_and_during_a_motion() {
 fn wider_bounds_make_of_a_slow_motion_rest_and_narrower_ones_a_demonstration() {
     let case = Case { encoders: ENCODERS[1], camera: CAMERA, rate_hz: 500, seed: 40 };
     let slow = |rest_speed_m_s, rest_speed_rad_s| {
-        let mut bench = Bench::new(case, Bounds { rest_speed_m_s, rest_speed_rad_s, ..DEFAULTS });
+        let mut bench =
+            Bench::new(case, Bounds { rest_speed_m_s, rest_speed_rad_s, ..Bounds::default() });
         bench.rest(2.0);
         let mut to = START;
         to[0] += 0.2;

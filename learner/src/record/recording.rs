@@ -37,7 +37,7 @@ pub(super) struct Task {
 impl Task {
     pub(super) fn new(skill: &Skill, sampling_time_s: f64, bounds: Bounds) -> Self {
         let required = std::iter::once(&skill.goal_frame).chain(&skill.other_frames);
-        let own_start = skill.start_frame != skill.goal_frame;
+        let own_start = skill.has_start_frame();
         Self {
             skill: skill.skill.clone(),
             manifold: skill.manifold,
@@ -245,7 +245,6 @@ fn resample(samples: &[Sample], sampling_time_s: f64) -> Vec<Pose> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::bounds::DEFAULTS;
     use crate::record::cut::SETTLED;
     use crate::record::rest::offset;
     use glam::DVec3;
@@ -258,7 +257,7 @@ mod tests {
             required_frames: vec!["end".into()],
             start_frame: Some("start".into()),
             sampling_time_s: 0.01,
-            bounds: DEFAULTS,
+            bounds: Bounds::default(),
         }
     }
 

@@ -86,6 +86,18 @@ impl Skill {
         validate_counts(&self).map_err(|(_, problem)| problem).map(|()| self)
     }
 
+    /// Whether it starts at another frame than that to which its goal is fixed.
+    #[must_use]
+    pub fn has_start_frame(&self) -> bool {
+        self.start_frame != self.goal_frame
+    }
+
+    /// Index of the goal frame among the skill's.
+    #[must_use]
+    pub fn goal_index(&self) -> usize {
+        usize::from(self.has_start_frame())
+    }
+
     /// The frames of a demonstration by name, in the skill's order: start, goal unless it is the same,
     /// then the others.
     ///
@@ -96,8 +108,8 @@ impl Skill {
         &'a self,
         demonstration: &'a Demonstration,
     ) -> impl Iterator<Item = (&'a str, Pose)> {
-        let start = (self.start_frame != self.goal_frame)
-            .then_some((self.start_frame.as_str(), demonstration.start));
+        let start =
+            self.has_start_frame().then_some((self.start_frame.as_str(), demonstration.start));
         let goal = (self.goal_frame.as_str(), demonstration.goal_frame);
         let others = self.other_frames.iter();
         let others = others.map(|name| (name.as_str(), demonstration.other_frames[name]));

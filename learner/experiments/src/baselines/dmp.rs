@@ -11,11 +11,11 @@
 
 use glam::DVec3;
 use tprmp_learner::certify::policy::{Body, DesiredMotion, MotionPolicy};
-use tprmp_learner::demonstration::Demonstration;
+use tprmp_learner::demonstration::{Demonstration, mean_duration_s};
 use tprmp_spatial::MovingPose;
 
 use crate::body::point_motion;
-use crate::path::{duration_s, mean_duration_s, positions, sampled};
+use crate::path::{positions, sampled};
 
 /// K and D = 2 √K, critically damped; times as fractions of the duration.
 const STIFFNESS: f64 = 150.0;
@@ -53,7 +53,7 @@ impl Dmp {
         for demonstration in demonstrations {
             let points = positions(&demonstration.poses);
             let (first, goal) = (points[0], points[points.len() - 1]);
-            let tau = duration_s(demonstration);
+            let tau = demonstration.duration_s();
             for k in 0..points.len() {
                 let time_s = k as f64 * demonstration.sampling_time_s;
                 let [x, v, a] = sampled(&points, demonstration.sampling_time_s, time_s);

@@ -1,6 +1,7 @@
 //! Learned from hand-like recordings: how well the paths are followed, whatever the pace.
 
 use rayon::prelude::*;
+use tprmp_drawing::quantile;
 use tprmp_learner::skill::{AlignmentMethod, Skill};
 use tprmp_learner::train::learn;
 
@@ -80,12 +81,8 @@ pub fn rows(shipped: &Skill, hand: &Hand, methods: &[AlignmentMethod], seeds: u6
 /// Median and largest path error of the rows of a scene, timing and method \[mm\].
 fn median_and_max(rows: &[Row], of: (Scene, Timing, AlignmentMethod)) -> [f64; 2] {
     let some = rows.iter().filter(|row| (row.scene, row.timing, row.method) == of);
-    let mut all: Vec<f64> = some.flat_map(|row| &row.path_rms_m).map(|error| 1e3 * error).collect();
-    all.sort_by(f64::total_cmp);
-    match all.len() {
-        0 => [f64::NAN; 2],
-        count => [0.5 * (all[(count - 1) / 2] + all[count / 2]), all[count - 1]],
-    }
+    let all: Vec<f64> = some.flat_map(|row| &row.path_rms_m).map(|error| 1e3 * error).collect();
+    [0.5, 1.0].map(|fraction| quantile(&all, fraction).unwrap_or(f64::NAN))
 }
 
 /// How often the gate is part of the model, of how many.

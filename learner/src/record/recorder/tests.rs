@@ -1,5 +1,5 @@
 use super::*;
-use crate::record::bounds::DEFAULTS;
+use crate::record::bounds::Bounds;
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 use tprmp_model::skill_model::Manifold;
@@ -36,7 +36,7 @@ impl Bench {
             required_frames: required.iter().map(|name| (*name).into()).collect(),
             start_frame: start_frame.map(Into::into),
             sampling_time_s: 0.01,
-            bounds: DEFAULTS,
+            bounds: Bounds::default(),
         };
         let mut frames = NO_FRAMES;
         let count = task.frames().count();
