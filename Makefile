@@ -92,8 +92,6 @@ test: export PROPTEST_RNG_SEED := $(PROPTEST_RNG_SEED)
 test: build robots
 	@echo '== Rust tests, of several processes too'
 	$(CARGO) test --release --locked --workspace
-	@echo '== the loop allocates nothing in a debug build either'
-	$(CARGO) test --locked -p tprmp-controller --test allocation
 	@echo '== Python tests'
 	$(VENV)/bin/python -m pytest -q sim-bridge/tests
 
