@@ -89,7 +89,9 @@ demo-planar: seed build
 	@$(BIN)/planar-sim report target/demo-planar
 
 test: export PROPTEST_RNG_SEED := $(PROPTEST_RNG_SEED)
-test: build robots
+test: robots
+	@echo '== building programs and tests (release)'
+	$(CARGO) build --release --locked --workspace --bins --tests
 	@echo '== Rust tests, of several processes too'
 	$(CARGO) test --release --locked --workspace
 	@echo '== Python tests'

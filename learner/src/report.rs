@@ -356,8 +356,16 @@ fn certificate(text: &mut String, certificate: &Certificate) {
         if let Some(valley) = &block.valley {
             let valley = format!(
                 "valley: stiffness ≥ {:.2} M everywhere, falls towards the goal by at least {:.2e} a \
-                 phase, at {} phases",
-                valley.stiffness_min_1_s2, valley.descent_min, valley.phases
+                 phase, {}",
+                valley.stiffness_min_1_s2,
+                valley.descent_min,
+                match valley.unproved {
+                    None if valley.intervals > 0 =>
+                        format!("proved for every phase on {} intervals", valley.intervals),
+                    Some([low, high]) =>
+                        format!("but between {low:.4} and {high:.4} this is not proved"),
+                    None => format!("seen at {} phases", valley.phases),
+                }
             );
             line!(text, "", "{valley}");
         }

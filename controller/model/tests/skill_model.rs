@@ -163,6 +163,8 @@ fn model() -> SkillModel {
                     phases: 1000,
                     stiffness_min_1_s2: 6.0,
                     descent_min: 0.2,
+                    intervals: 100,
+                    unproved: None,
                 }),
             }],
             demonstrated_frames: rollouts(1e-17),

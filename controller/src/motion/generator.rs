@@ -174,7 +174,7 @@ impl<const N: usize> MotionGenerator<N> {
         motion.advance(&(faded + yielding), &self.limits, dt);
         let yielded = motion.acceleration - unyielding.acceleration;
         self.tie = Tie::Follows;
-        let torques = self.torques(chain, state, &motion, Some(&yielded), dt);
+        let torques = self.torques(chain, state, &motion, Some(&yielded));
         self.publish(motion, torques, yielded, dt).ok_or(Reason::CommandNotFinite)
     }
 
@@ -224,7 +224,7 @@ impl<const N: usize> MotionGenerator<N> {
         if self.tie != Tie::Braked {
             let state = measured
                 .unwrap_or(JointState { position: motion.position, velocity: motion.velocity });
-            let torques = self.torques(chain, &state, &motion, None, dt);
+            let torques = self.torques(chain, &state, &motion, None);
             return Some((self.publish(motion, torques, SVector::zeros(), dt)?, CommandMode::Hold));
         }
         let torques = self.tracking.resting((chain, &self.limits), &at.position);
@@ -317,23 +317,18 @@ impl<const N: usize> MotionGenerator<N> {
     }
 
     fn torques(
-        &mut self,
+        &self,
         chain: &Chain<N>,
         state: &JointState<N>,
         motion: &JointMotion<N>,
         yielded: Option<&SVector<f64, N>>,
-        dt: f64,
     ) -> Torques<N> {
         let compensation = self.disturbance.as_ref().map_or(SVector::zeros(), |disturbance| {
             let most = &self.limits.velocity_max;
             disturbance.compensation(&state.velocity, &motion.velocity, most)
         });
         let robot = (chain, &self.limits);
-        let torques = self.tracking.torques(robot, state, motion, yielded, &compensation);
-        if let Some(disturbance) = &mut self.disturbance {
-            disturbance.asked(&torques.wanted, torques.saturated, dt);
-        }
-        torques
+        self.tracking.torques(robot, state, motion, yielded, &compensation)
     }
 
     /// The last stage of every command: it continues the one before. Nothing that is not finite gets out.
@@ -353,6 +348,9 @@ impl<const N: usize> MotionGenerator<N> {
         let parts = [position, velocity, acceleration, &torques.motion, &torques.gravity];
         if !parts.iter().all(|part| part.iter().all(|v| v.is_finite())) {
             return None;
+        }
+        if let (Some(disturbance), Some(wanted)) = (&mut self.disturbance, &torques.wanted) {
+            disturbance.asked(wanted, torques.saturated, dt);
         }
         let setpoint = Setpoint { motion, torques, asked: acceleration - yielded };
         self.published = Some(setpoint);

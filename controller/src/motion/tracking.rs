@@ -17,8 +17,8 @@ pub struct Torques<const N: usize> {
     pub motion: SVector<f64, N>,
     /// What holds the arm against gravity \[N m or N\].
     pub gravity: SVector<f64, N>,
-    /// Accelerations that they are to cause \[rad/s² or m/s²\].
-    pub wanted: SVector<f64, N>,
+    /// Accelerations that they are to cause, `None` where they only hold against gravity \[rad/s² or m/s²\].
+    pub wanted: Option<SVector<f64, N>>,
     /// Whether the limits cut them.
     pub saturated: bool,
 }
@@ -84,7 +84,12 @@ impl Tracking {
         let total = inverse_dynamics(chain, q, qd, &wanted, gravity_m_s2);
         let Torques { gravity, .. } = self.resting((chain, limits), q);
         let permitted = limits.effort(&total);
-        Torques { motion: permitted - gravity, gravity, wanted, saturated: permitted != total }
+        Torques {
+            motion: permitted - gravity,
+            gravity,
+            wanted: Some(wanted),
+            saturated: permitted != total,
+        }
     }
 
     /// What holds the arm at `position` against gravity, and nothing beside it.
@@ -95,8 +100,7 @@ impl Tracking {
         position: &SVector<f64, N>,
     ) -> Torques<N> {
         let gravity = limits.effort(&gravity_torques(chain, position, self.gravity_m_s2));
-        let (motion, wanted) = (SVector::zeros(), SVector::zeros());
-        Torques { motion, gravity, wanted, saturated: false }
+        Torques { motion: SVector::zeros(), gravity, wanted: None, saturated: false }
     }
 }
 
@@ -112,8 +116,9 @@ impl<const N: usize> Torques<N> {
             let step = limits.effort_rate_max * (fraction * dt);
             wanted.zip_zip_map(before, &step, |w, b, step| w.clamp(b - step, b + step))
         };
-        let (total, before_total) = (self.motion + self.gravity, before.motion + before.gravity);
-        let total = near(&total, &before_total, 1.0 - GRAVITY_FRACTION);
+        let (wanted, before_total) = (self.motion + self.gravity, before.motion + before.gravity);
+        let total = near(&wanted, &before_total, 1.0 - GRAVITY_FRACTION);
+        self.saturated |= total != wanted;
         self.gravity = near(&self.gravity, &before.gravity, GRAVITY_FRACTION);
         self.motion = total - self.gravity;
         self

@@ -56,6 +56,11 @@ fn block_failures(settings: &Certification, block: &BlockCertificate, failures: 
             "the {name} potential has no lowest point at some phase (stiffness {stiffness:.2e}/s²)"
         ));
     }
+    if let Some([low, high]) = block.valley.and_then(|valley| valley.unproved) {
+        failures.push(format!(
+            "that the {name} potential falls towards the goal is not proved between the phases {low:.4} and {high:.4}"
+        ));
+    }
     let hessian = block.goal_hessian_min_1_s2;
     if hessian.is_nan() || hessian <= 0.0 {
         failures.push(format!(

@@ -8,7 +8,7 @@ use tprmp_rmpflow::policy::thesis::{ThesisPolicy, ThesisState};
 use tprmp_spatial::{MovingPose, Pose};
 
 use crate::skill_model::certificate::{BlockCertificate, ValleyCertificate};
-use crate::skill_model::valley;
+use crate::skill_model::{descent, valley};
 
 /// Step of the central differences at the goal [m or rad].
 const GOAL_STEP: f64 = 1e-5;
@@ -39,12 +39,15 @@ fn field_block<const N: usize>(name: &str, field: &Field<N>) -> BlockCertificate
         (value.gradient, value.metric)
     });
     let (descent_min, _) = valley::descent(field, 1.0);
+    let proof = descent::prove(field);
     // xᵀ(Σw S)x ≥ h xᵀ(Σw M)x when that holds for each component: so it does at every phase.
     let stiffness = field.components().iter().map(stiffness_min);
     let valley = ValleyCertificate {
         phases: valley::PHASES,
         stiffness_min_1_s2: stiffness.fold(f64::INFINITY, f64::min),
         descent_min,
+        intervals: proof.unwrap_or(0),
+        unproved: proof.err(),
     };
     BlockCertificate { valley: Some(valley), ..certificate }
 }

@@ -50,6 +50,13 @@ pub struct ValleyCertificate {
     /// Least fall of the potential along the valley towards the goal, over a fraction of the phase
     /// [u²/s²], outside of the neighbourhood of the goal that its Hessian covers.
     pub descent_min: f64,
+    /// Intervals of the phase over which it was proved, by interval arithmetic, that the potential falls towards
+    /// the goal: together they are all phases. 0 where it was not proved.
+    #[serde(default)]
+    pub intervals: u32,
+    /// Phases between which it could not be proved.
+    #[serde(default)]
+    pub unproved: Option<[f64; 2]>,
 }
 
 /// Figures of rollouts from random starts around the demonstrations.

@@ -26,10 +26,12 @@
 
 mod blocks;
 mod certificate;
+mod descent;
 mod evaluated;
 mod field;
 mod file;
 mod fit;
+mod interval;
 mod model;
 mod recomputed;
 mod upgrade;

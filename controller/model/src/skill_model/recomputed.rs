@@ -72,6 +72,12 @@ fn compare(
             _ => Err(("valley", "expected one exactly where the policy is a field".into())),
         };
     };
+    if let Some([low, high]) = of_found.unproved {
+        let problem = format!(
+            "expected a potential that falls towards the goal, not proved between the phases {low:.4} and {high:.4}"
+        );
+        return Err(("valley.unproved", problem));
+    }
     for (figure, claimed, found, is_positive) in [
         ("metric_eigenvalue_min", claimed.metric_eigenvalue_min, least, true),
         ("metric_eigenvalue_max", claimed.metric_eigenvalue_max, most, true),
