@@ -395,8 +395,9 @@ impl<const N: usize> RobotPolicy<N> {
             // Too few frames give what is not finite, which is refused in the end.
             let own = frames.get(leaf.frames.clone()).unwrap_or_default();
             let state = &mut skill.state;
-            let value = leaf.policy.evaluate(&leaf.inertia, own, tool, velocity, state);
-            sum.add(&leaf.governor.govern(&value.natural, velocity));
+            let mut value = leaf.policy.evaluate(&leaf.inertia, own, tool, velocity, state);
+            value.natural = leaf.governor.govern(&value.natural, velocity, state.acts_alone());
+            sum.add(&value.natural);
             energy += value.energy;
             skill.value = Some(value);
         }

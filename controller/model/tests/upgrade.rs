@@ -91,7 +91,9 @@ fn a_file_of_the_last_version_has_this_version_s_names() {
 }
 
 /// Keys that files of earlier versions lack.
-const NEW_KEYS: [&str; 10] = [
+const NEW_KEYS: [&str; 12] = [
+    "intervals:",
+    "unproved:",
     "duration_s:",
     "agreement:",
     "agreement_fraction:",

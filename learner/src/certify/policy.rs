@@ -129,10 +129,12 @@ impl MotionPolicy for PolicyInstance<'_> {
     fn evaluate(&mut self, frames: &[MovingPose], body: &Body) -> DesiredMotion {
         let LearnedPolicy { policy, inertia, governor } = self.learned;
         let state = &mut self.state;
-        let value = policy.evaluate(inertia, frames, &body.pose, &body.velocity, state);
+        let mut value = policy.evaluate(inertia, frames, &body.pose, &body.velocity, state);
+        if let Some(governor) = governor {
+            value.natural = governor.govern(&value.natural, &body.velocity, state.acts_alone());
+        }
         self.value = Some(value);
-        let natural = governor.map_or(value.natural, |g| g.govern(&value.natural, &body.velocity));
-        DesiredMotion { natural, energy: value.energy }
+        DesiredMotion { natural: value.natural, energy: value.energy }
     }
 
     fn advance(&mut self, acceleration: &SpatialAcceleration, step_s: f64) {

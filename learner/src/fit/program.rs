@@ -220,27 +220,30 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
         Ok((x[..n].iter().zip(weights).map(|(x, c)| x / c).collect(), status, iterations))
     }
 
-    /// S_k,yy ⪰ h_y M_k,yy, by cones of the program or by diagonal dominance.
+    /// h_y M_k,yy ⪯ S_k,yy ⪯ H_y M_k,yy, by cones of the program or by diagonal dominance.
     fn require_stiffness(&self, program: &mut ConicProgram, nonnegative: &mut Vec<Affine>) {
-        let least = self.settings.stiffness_min_1_s2;
-        for stiffness in &self.stiffness {
-            let entries = |a: usize, b: usize| -> Vec<(usize, f64)> {
-                stiffness.iter().map(|(j, matrix)| (*j, matrix[(a, b)])).collect()
-            };
-            if N == 3 {
-                // The smaller eigenvalue of a 2×2 matrix, exactly.
-                let trace_and_difference = |sign: f64| -> Vec<(usize, f64)> {
-                    let second = entries(1, 1).into_iter().map(|(j, x)| (j, sign * x));
-                    entries(0, 0).into_iter().chain(second).collect()
+        let FieldSettings { stiffness_min_1_s2, stiffness_max_1_s2, .. } = *self.settings;
+        // The least eigenvalue of S is no smaller than h, that of −S no smaller than −H.
+        for (sign, least) in [(1.0, stiffness_min_1_s2), (-1.0, -stiffness_max_1_s2)] {
+            for stiffness in &self.stiffness {
+                let entries = |a: usize, b: usize| -> Vec<(usize, f64)> {
+                    stiffness.iter().map(|(j, matrix)| (*j, sign * matrix[(a, b)])).collect()
                 };
-                let twice = entries(0, 1).into_iter().map(|(j, x)| (j, 2.0 * x)).collect();
-                program.require_second_order(vec![
-                    affine_of(-2.0 * least, trace_and_difference(1.0), &self.weights),
-                    affine_of(0.0, trace_and_difference(-1.0), &self.weights),
-                    affine_of(0.0, twice, &self.weights),
-                ]);
-            } else {
-                dominate(N - 1, entries, least, &self.weights, nonnegative);
+                if N == 3 {
+                    // The smaller eigenvalue of a 2×2 matrix, exactly.
+                    let trace_and_difference = |sign: f64| -> Vec<(usize, f64)> {
+                        let second = entries(1, 1).into_iter().map(|(j, x)| (j, sign * x));
+                        entries(0, 0).into_iter().chain(second).collect()
+                    };
+                    let twice = entries(0, 1).into_iter().map(|(j, x)| (j, 2.0 * x)).collect();
+                    program.require_second_order(vec![
+                        affine_of(-2.0 * least, trace_and_difference(1.0), &self.weights),
+                        affine_of(0.0, trace_and_difference(-1.0), &self.weights),
+                        affine_of(0.0, twice, &self.weights),
+                    ]);
+                } else {
+                    dominate(N - 1, entries, least, &self.weights, nonnegative);
+                }
             }
         }
     }

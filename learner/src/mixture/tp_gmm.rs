@@ -201,18 +201,38 @@ impl Samples {
     /// Learns a mixture of `components` Gaussians.
     ///
     /// # Errors
-    /// What is wrong, when the samples cannot fill the components.
+    /// What is wrong, and how many components fit, when the samples cannot fill them.
     pub fn learn(
         &self,
         skill: &Skill,
         components: usize,
         seed: u64,
     ) -> Result<TpGmm, MixtureError> {
+        let found = if components > self.components_max() {
+            let problem = format!("the demonstrations have only {} samples together", self.len());
+            Err(MixtureError::TooMany { components, problem })
+        } else {
+            self.learn_exactly(skill, components, seed)
+        };
+        found.map_err(|error| match error {
+            MixtureError::TooMany { problem, .. } => {
+                let fits = |k: &usize| self.learn_exactly(skill, *k, seed).is_ok();
+                let most = (1..components.min(self.components_max() + 1)).rev().find(fits);
+                let most = most.map_or("none fits".to_owned(), |most| format!("{most} fit"));
+                MixtureError::TooMany { components, problem: format!("{problem}, {most}") }
+            }
+            other => other,
+        })
+    }
+
+    /// The same, without a word on how many would fit.
+    fn learn_exactly(
+        &self,
+        skill: &Skill,
+        components: usize,
+        seed: u64,
+    ) -> Result<TpGmm, MixtureError> {
         let too_many = |problem: String| MixtureError::TooMany { components, problem };
-        if components > self.components_max() {
-            let found = self.len();
-            return Err(too_many(format!("the demonstrations have only {found} samples together")));
-        }
         let settings = &skill.mixture;
         let responsibilities = self.initial(components, settings.initialisation, seed);
         let frames = || self.frames.iter().map(|(_, view)| view.clone()).collect();

@@ -226,6 +226,11 @@ pub enum Initialisation {
     KMeans,
 }
 
+/// What files of before this key have.
+fn stiffness_max() -> f64 {
+    128.0
+}
+
 /// Field of a block. Lengths are in ŷ.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -288,6 +293,9 @@ pub struct FieldSettings {
     pub stride_samples_min: usize,
     /// Least stiffness of each component across the path, relative to its metric [1/s²].
     pub stiffness_min_1_s2: f64,
+    /// Largest stiffness of each component across the path, relative to its metric \[1/s²\].
+    #[serde(default = "stiffness_max")]
+    pub stiffness_max_1_s2: f64,
     /// Least Hessian at the goal, relative to the metric [1/s²].
     pub goal_hessian_min_1_s2: f64,
     /// λ: weight of ‖C p‖².

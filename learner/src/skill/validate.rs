@@ -105,7 +105,7 @@ fn validate_positive(skill: &Skill) -> Result<(), Wrong> {
                 tube_weight tube_attraction_1_s tube_speed_min
                 descent_weight descent_speed descent_slowdown descent_attraction descent_goal_radius
                 descent_radius descent_phase_radius refinement_weight refinement_radius
-                stiffness_min_1_s2 goal_hessian_min_1_s2 regularisation regularisation_length
+                stiffness_min_1_s2 stiffness_max_1_s2 goal_hessian_min_1_s2 regularisation regularisation_length
             });
             positive.extend(fit.tube_offsets.iter().map(|x| ("fit.tube_offsets", *x)));
             let ridges = fit.adaptation.ridges.iter();
@@ -162,6 +162,10 @@ fn validate_ranges(skill: &Skill) -> Result<(), Wrong> {
     check(span, |x| (least..=most).contains(&x), &format!("a number from {least} to {most}"))?;
     if let FitSettings::Canonical(fit) = &skill.fit {
         validate_damping(fit.damping_1_s, certification)?;
+        let least = 2.0 * fit.stiffness_min_1_s2;
+        let stiffest = keys! { "fit" fit => stiffness_max_1_s2 };
+        let expected = format!("at least {least}, twice `fit.stiffness_min_1_s2`");
+        check(stiffest, |x| x >= least, &expected)?;
     }
     let width = keys! { "alignment" skill.alignment => width };
     check(width, |x| x <= 0.2, "a fraction of at most 0.2")?;

@@ -21,8 +21,14 @@ use crate::natural::{Factor, Natural};
 /// other is slowed with it, so that the path stays the same.
 ///
 /// Where it acts, V falls at the rate d ẋᵀM(ẋ + (1−s) u) in place of d ẋᵀMẋ: faster where the policy
-/// speeds up, slower where it brakes; there V may rise, and what is bounded is |a′|. Where it does not
-/// act, nothing changes.
+/// speeds up, slower where it brakes. So that V falls there too, s stays large enough for
+///
+/// ```text
+/// (1−s) (−ẋᵀMu) ≤ ½ ẋᵀMẋ
+/// ```
+///
+/// what runs up a slope is braked by the whole of it. Only where an obstacle, a push or a limit acts beside the policy,
+/// V is not the policy's own, and |a′| is bounded without exception. Where the governor does not act, nothing changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Deserialize), serde(deny_unknown_fields))]
 pub struct SpeedGovernor {
@@ -38,6 +44,9 @@ pub struct SpeedGovernor {
 /// matter.
 const METRIC_DAMPING: f64 = 1e-9;
 
+/// What the governor adds to V is at most this fraction of what the damping takes: the rest is for steps that are long.
+const LOSS: f64 = 0.5;
+
 impl SpeedGovernor {
     /// Reports parameters outside their ranges.
     pub fn check(&self, report: &mut Report<'_>) {
@@ -49,11 +58,12 @@ impl SpeedGovernor {
     /// The policy on \[linear; angular\], within the speeds.
     ///
     /// * `velocity`  ẋ of the pose
+    /// * `alone`  whether nothing acts beside the policy, [`PolicyState::acts_alone`](crate::policy::PolicyState::acts_alone)
     ///
     /// Hot path: no allocation. A policy whose metric is not positive semi-definite is returned as
     /// it is.
     #[must_use]
-    pub fn govern(&self, policy: &Natural<6>, velocity: &Twist) -> Natural<6> {
+    pub fn govern(&self, policy: &Natural<6>, velocity: &Twist, alone: bool) -> Natural<6> {
         let velocity = &Vector6::from(*velocity);
         // Fractions of u within the speed, and within the change of velocity.
         let fractions = |most: f64, first: usize| {
@@ -81,10 +91,17 @@ impl SpeedGovernor {
             return *policy;
         }
         let momentum = policy.metric * velocity;
-        let force = Vector6::from_fn(|i, _| {
+        // (1 − s) d M u, by which the force falls.
+        let mut less = Vector6::from_fn(|i, _| {
             let s = if i < 3 { linear } else { angular };
-            policy.force[i] * s - momentum[i] * ((1.0 - s) * self.response_1_s)
+            (policy.force[i] + momentum[i] * self.response_1_s) * (1.0 - s)
         });
+        let gained = -velocity.dot(&less);
+        let lost = LOSS * self.response_1_s * velocity.dot(&momentum);
+        if alone && gained > lost {
+            less *= lost / gained;
+        }
+        let force = policy.force - less;
         Natural { force, metric: policy.metric }
     }
 }
@@ -130,13 +147,13 @@ mod tests {
     fn a_slow_policy_is_left_alone_and_a_fast_one_tends_to_the_speed() {
         let velocity = Twist { linear: DVec3::X * 0.5, angular: DVec3::Y };
         let slow = policy(8.0 * 1.4, 0.0);
-        assert_eq!(GOVERNOR.govern(&slow, &velocity), slow);
+        assert_eq!(GOVERNOR.govern(&slow, &velocity, false), slow);
         // u = 0.5 + 100/8 = 13 m/s.
-        let fast = GOVERNOR.govern(&policy(100.0, 0.0), &velocity).resolve().unwrap();
+        let fast = GOVERNOR.govern(&policy(100.0, 0.0), &velocity, false).resolve().unwrap();
         assert!((velocity.linear.x + fast[0] / 8.0 - 2.0).abs() < 1e-6, "{fast}");
         // The rotation is slowed with it, so that the path stays the same.
         assert!((velocity.angular.y + fast[4] / 8.0 - 2.0 / 13.0).abs() < 1e-6, "{fast}");
-        let rotating = GOVERNOR.govern(&policy(0.0, 100.0), &velocity).resolve().unwrap();
+        let rotating = GOVERNOR.govern(&policy(0.0, 100.0), &velocity, false).resolve().unwrap();
         assert!((velocity.angular.y + rotating[4] / 8.0 - 4.0).abs() < 1e-6, "{rotating}");
     }
 
@@ -146,16 +163,33 @@ mod tests {
         for (speed, change) in [(-0.5, 2.0), (-1.5, 2.0), (-2.0, 2.0), (-3.0, 3.0)] {
             let velocity = along(speed);
             let acceleration = 8.0 * (13.0 - speed);
-            let back = GOVERNOR.govern(&policy(acceleration, 0.0), &velocity).resolve().unwrap();
+            let back =
+                GOVERNOR.govern(&policy(acceleration, 0.0), &velocity, false).resolve().unwrap();
             assert!((back[0] / 8.0 - change).abs() < 1e-6, "{speed}: {back}");
         }
         // Across the motion, too.
         let velocity = along(1.6);
         let mut across = policy(-8.0 * 1.6, 0.0);
         across.force[1] = 8.0 * 5.0;
-        let back = GOVERNOR.govern(&across, &velocity).resolve().unwrap();
+        let back = GOVERNOR.govern(&across, &velocity, false).resolve().unwrap();
         assert!((back[0].hypot(back[1]) / 8.0 - 2.0).abs() < 1e-6, "{back}");
         assert!((velocity.linear.x * 8.0 + back[0]).abs() < 1e-6 && back[1] > 0.0, "{back}");
+    }
+
+    #[test]
+    fn alone_it_takes_energy_out_and_never_adds_any() {
+        // V̇ = ẋᵀ(f′ − f) − d ẋᵀMẋ, for f = −∇Φ − ξ − d M ẋ.
+        for (speed, pull) in [(-0.5, 100.0), (-3.0, 40.0), (1.0, 100.0), (-1.9, 1e4)] {
+            let velocity = along(speed);
+            let free = policy(pull - 8.0 * speed, 3.0);
+            let rate = |alone: bool| {
+                let governed = GOVERNOR.govern(&free, &velocity, alone);
+                let twist = Vector6::from(velocity);
+                twist.dot(&(governed.force - free.force)) - 8.0 * twist.dot(&(free.metric * twist))
+            };
+            assert!(rate(true) < 0.0, "{speed}: {}", rate(true));
+            assert!(rate(true) <= rate(false), "{speed}");
+        }
     }
 
     #[test]
@@ -164,7 +198,7 @@ mod tests {
         let velocity = along(3.0);
         for desired in [0.1, -0.1, -1.0] {
             let free = policy(8.0 * (desired - 3.0), 8.0 * 2.0);
-            let governed = GOVERNOR.govern(&free, &velocity).resolve().unwrap();
+            let governed = GOVERNOR.govern(&free, &velocity, false).resolve().unwrap();
             assert!((governed[4] / 8.0 - 2.0).abs() < 1e-6, "{desired}: {governed}");
             assert!(governed[0] / 8.0 >= -3.0 - 1e-6, "{desired}: {governed}");
         }
@@ -193,7 +227,7 @@ mod tests {
         for i in 2..6 {
             plane.metric[(i, i)] = 0.0;
         }
-        let governed = GOVERNOR.govern(&plane, &Twist::ZERO);
+        let governed = GOVERNOR.govern(&plane, &Twist::ZERO, false);
         assert!((governed.force[0] / governed.metric[(0, 0)] - 16.0).abs() < 1e-6);
         assert!(governed.force.iter().all(|f| f.is_finite()));
     }

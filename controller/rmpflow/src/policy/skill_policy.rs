@@ -1,5 +1,6 @@
 //! A learned policy of either kind, and the workspace that serves them all.
 
+use nalgebra::Vector6;
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
 use crate::policy::canonical::policy::CanonicalPolicy;
@@ -26,6 +27,9 @@ const OBSTRUCTED_MIN: f64 = 0.1;
 /// … this fraction of its own pull.
 const HELD_FRACTION: f64 = 0.3;
 
+/// What acts beside a policy disturbs it when it is more than this fraction of what acts in all.
+const DISTURBED: f64 = 1e-6;
+
 /// What a policy needs between calls. It serves a policy of any kind, and belongs to one policy.
 #[derive(Debug, Clone, Default)]
 pub struct PolicyState {
@@ -33,6 +37,8 @@ pub struct PolicyState {
     phase: Option<Phase>,
     /// Whether an obstacle holds the tool back.
     held: bool,
+    /// Whether something beside the policy acted on the tool.
+    disturbed: bool,
     plane: ThesisState<2>,
     space: ThesisState<3>,
     pose: ThesisState<6>,
@@ -44,6 +50,7 @@ impl PolicyState {
     pub fn restart(&mut self) {
         self.phase = None;
         self.held = false;
+        self.disturbed = false;
     }
 
     /// Goes on from a phase.
@@ -57,6 +64,12 @@ impl PolicyState {
         self.phase
     }
 
+    /// Whether nothing beside the policy acted on the tool in the step before.
+    #[must_use]
+    pub fn acts_alone(&self) -> bool {
+        !self.disturbed
+    }
+
     /// Sets which fraction of the tool's desired velocity is obstructed, 0 to 1
     /// ([`Proximity::obstructed_fraction`](crate::leaves::Proximity::obstructed_fraction)). A phase that is held back goes on
     /// nonetheless, slower, so that the tool leaves the obstacle sooner or later.
@@ -66,7 +79,7 @@ impl PolicyState {
 
     /// Goes on for `dt_s` \[s\] with the acceleration that the tool gets, forces of others included.
     ///
-    /// * `value`  of the last [`SkillPolicy::evaluate`]
+    /// * `value`  of the last [`SkillPolicy::evaluate`], within its speeds where a governor acts
     /// * `acceleration`  of the pose, in the world
     ///
     /// Hot path: no allocation. Numbers that are not finite change nothing.
@@ -74,6 +87,11 @@ impl PolicyState {
         if let Some(phase) = &mut self.phase {
             phase.advance(&value.phase, acceleration, dt_s);
         }
+        let moved = value.natural.metric * Vector6::from(*acceleration);
+        let beside = (moved - value.natural.force).norm_squared();
+        // Written so that what is no number is a disturbance.
+        self.disturbed =
+            !(beside <= DISTURBED * DISTURBED * moved.norm_squared() + f64::MIN_POSITIVE);
     }
 }
 
