@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use tprmp_drawing::quantile;
 use tprmp_model::skill_model::{
     Canonical, Certificate, DemonstrationRollout, FieldModel, Fit, FrameMixture, Gaussian,
-    PolicyModel, Pose, ProgramFit, SkillModel, ThesisModel,
+    PolicyModel, Pose, ProgramFit, Remarks, SkillModel, ThesisModel,
 };
 
 use crate::mixture::components::Choice;
@@ -112,6 +112,12 @@ pub fn inspected(model: &SkillModel) -> String {
     );
     for source in &provenance.demonstrations {
         say!(text, "  {}  sha256 {}", source.file, source.sha256);
+        let Remarks { operator, notes } = &source.remarks;
+        for (key, remark) in [("operator", operator), ("notes", notes)] {
+            if let Some(remark) = remark {
+                say!(text, "    {key}  {}", remark.escape_debug());
+            }
+        }
     }
     line!(text, "with", "the skill file's values");
     for (key, value) in &provenance.hyper_parameters {

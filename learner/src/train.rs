@@ -274,7 +274,11 @@ impl FittedPolicy {
     /// The model without its certificate.
     fn model(&self, skill: &Skill, demonstrations: &[Demonstration], seed: u64) -> SkillModel {
         let mixture = &self.mixture;
-        let source = |d: &Demonstration| Source { file: d.name.clone(), sha256: d.sha256.clone() };
+        let source = |d: &Demonstration| Source {
+            file: d.name.clone(),
+            sha256: d.sha256.clone(),
+            remarks: d.remarks.clone(),
+        };
         SkillModel {
             skill: skill.skill.clone(),
             manifold: skill.manifold,

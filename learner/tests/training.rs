@@ -341,3 +341,41 @@ fn the_command_trains_inspects_and_says_what_is_wrong() {
     assert!(!model.exists());
     assert!(!learner(&["inspect", out]).status.success());
 }
+
+#[test]
+fn remarks_come_into_the_provenance_and_are_printed_without_their_control_characters() {
+    let folder = Folder::new("remarks");
+    folder.demonstrations("demonstrated", &arcs(Manifold::R2));
+    let file = folder.write("skill.ron", &skill_text("planar.ron"));
+    let model = folder.path().join("model.ron");
+    let [file, out] = [&file, &model].map(|path| path.to_str().unwrap());
+    let second = folder.path().join("demonstrated/made_up_02.json");
+    let good = std::fs::read_to_string(&second).unwrap();
+    let with = |operator: &str| {
+        let keys =
+            format!("\"operator\": \"{operator}\", \"notes\": \"left hand\", \"sampling_time_s\"");
+        folder.write("demonstrated/made_up_02.json", &good.replace("\"sampling_time_s\"", &keys))
+    };
+    with("Ada\\u001b[2J");
+    assert!(learner(&["train", file, "--out", out]).status.success());
+    let said = String::from_utf8(learner(&["inspect", out]).stdout).unwrap();
+    assert!(said.contains("operator  Ada\\u{1b}[2J\n    notes  left hand"), "{said}");
+    let read = skill_model::read(&model).unwrap();
+    assert_eq!(read.provenance.demonstrations[1].remarks.notes.as_deref(), Some("left hand"));
+    assert!(read.provenance.demonstrations[0].remarks.is_empty());
+    with(&"x".repeat(2001));
+    let said = String::from_utf8(learner(&["train", file, "--out", out]).stderr).unwrap();
+    assert!(said.contains("key `operator`") && said.contains("found 2001"), "{said}");
+}
+
+#[test]
+fn more_components_than_samples_fill_say_how_many_fit() {
+    let demonstrated = arcs(Manifold::R2);
+    let mut asked = skill("planar.ron");
+    asked.mixture.components = 60;
+    let message = learn(&asked, &demonstrated, 1, &mut |_| {}).unwrap_err().to_string();
+    let fit: usize =
+        message.split(" fit").next().unwrap().rsplit(' ').next().unwrap().parse().unwrap();
+    asked.mixture.components = fit;
+    assert!(fit > 9 && learn(&asked, &demonstrated, 1, &mut |_| {}).is_ok(), "{message}");
+}

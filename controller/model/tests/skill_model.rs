@@ -8,7 +8,7 @@ use tprmp_model::skill_model::{
     ActiveConstraints, Adaptation, BlockCertificate, COORDINATES, Canonical, Certificate,
     Component, Constraints, DemonstrationRollout, FieldModel, Figure, Fit, FrameGaussian,
     FrameMixture, Gaussian, Manifold, ModelError, PolicyModel, Pose, Program, ProgramFit,
-    ProgramStatus, Provenance, Rollouts, SPLINES, SkillModel, Source, ThesisModel,
+    ProgramStatus, Provenance, Remarks, Rollouts, SPLINES, SkillModel, Source, ThesisModel,
     ValleyCertificate, Waypoint, read, to_text, write,
 };
 
@@ -174,7 +174,11 @@ fn model() -> SkillModel {
         provenance: Provenance {
             tool_version: "0.1.0".into(),
             seed: 1,
-            demonstrations: vec![Source { file: "line_01.json".into(), sha256: "00".into() }],
+            demonstrations: vec![Source {
+                file: "line_01.json".into(),
+                sha256: "00".into(),
+                remarks: Remarks { operator: Some("somebody".into()), notes: None },
+            }],
             hyper_parameters: vec![("mixture.components".into(), "1".into())],
         },
     }

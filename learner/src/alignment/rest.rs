@@ -241,6 +241,7 @@ mod tests {
                 start: Pose::IDENTITY,
                 goal_frame: Pose::IDENTITY,
                 other_frames: std::collections::BTreeMap::new(),
+                remarks: tprmp_model::skill_model::Remarks::default(),
                 poses: (0..400).map(sample).collect(),
             }
         };

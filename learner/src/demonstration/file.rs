@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
 use serde::Deserialize;
-use tprmp_model::skill_model::{Manifold, sha256_hex};
+use tprmp_model::skill_model::{Manifold, Remarks, sha256_hex};
 use tprmp_spatial::Pose;
 
 use crate::demonstration::at_most::{Row, at_most};
@@ -34,6 +34,8 @@ const STILL: f64 = 1e-9;
 /// How far the length of a quaternion may be from one before it is refused; within, it is
 /// normalised. Files are written with six decimals.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
+/// Characters of a remark.
+const REMARK_MAX: usize = 2000;
 
 /// One demonstration: where the tool was, and the frames it belongs to.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,6 +56,8 @@ pub struct Demonstration {
     pub goal_frame: Pose,
     /// Further frames by name, in the robot's base frame.
     pub other_frames: BTreeMap<String, Pose>,
+    /// What somebody wrote into the file.
+    pub remarks: Remarks,
     /// Poses of the tool in the robot's base frame; planar ones have z = 0 and no rotation.
     pub poses: Vec<Pose>,
 }
@@ -92,6 +96,8 @@ struct File {
     skill: String,
     manifold: String,
     sampling_time_s: Option<f64>,
+    operator: Option<String>,
+    notes: Option<String>,
     frames: BTreeMap<String, FileFrame>,
     columns: Vec<String>,
     #[serde(deserialize_with = "at_most::<SAMPLES_MAX, _, _>")]
@@ -239,6 +245,13 @@ pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstr
     }
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let sha256 = sha256_hex(text.as_bytes());
+    let remarks = Remarks { operator: file.operator, notes: file.notes };
+    for (key, remark) in [("operator", &remarks.operator), ("notes", &remarks.notes)] {
+        let length = remark.as_ref().map_or(0, |text| text.chars().count());
+        if length > REMARK_MAX {
+            return fail(key, format!("expected at most {REMARK_MAX} characters, found {length}"));
+        }
+    }
     let skill = file.skill;
     Ok(Demonstration {
         name,
@@ -249,6 +262,7 @@ pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstr
         start,
         goal_frame,
         other_frames,
+        remarks,
         poses,
     })
 }
@@ -396,9 +410,14 @@ pub fn to_text(demonstration: &Demonstration, start_frame: &str, goal_frame: &st
         .into_iter()
         .map(|(name, pose)| format!("{}: {}", quoted(name), frame(pose)))
         .collect();
+    let Remarks { operator, notes } = &demonstration.remarks;
+    let remarks: String = [("operator", operator), ("notes", notes)]
+        .into_iter()
+        .filter_map(|(key, text)| Some(format!("\"{key}\": {},\n", quoted(text.as_ref()?))))
+        .collect();
     let mut text = format!(
         "{{\n\"schema\": \"{SCHEMA}\",\n\"skill\": {},\n\"manifold\": \"{}\",\n\
-         \"sampling_time_s\": {},\n\"frames\": {{\n{}\n}},\n\"columns\": [{}],\n\"samples\": [\n",
+         \"sampling_time_s\": {},\n{remarks}\"frames\": {{\n{}\n}},\n\"columns\": [{}],\n\"samples\": [\n",
         quoted(&demonstration.skill),
         demonstration.manifold,
         demonstration.sampling_time_s,

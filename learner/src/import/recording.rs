@@ -114,6 +114,7 @@ impl Recording {
             start: self.start,
             goal_frame: self.goal_frame,
             other_frames: self.other_frames,
+            remarks: tprmp_model::skill_model::Remarks::default(),
             poses,
         };
         if selection.unit.is_none() && !self.has_own_unit {

@@ -92,6 +92,7 @@ mod tests {
             start: at(0.0),
             goal_frame: at(1.0),
             other_frames: std::collections::BTreeMap::new(),
+            remarks: tprmp_model::skill_model::Remarks::default(),
             poses: (0..points).map(|i| at(f64::from(i) * 0.125)).collect(),
         }
     }

@@ -188,6 +188,7 @@ impl Recording {
             start,
             goal_frame,
             other_frames,
+            remarks: tprmp_model::skill_model::Remarks::default(),
             poses,
         };
         Ok(Recorded { demonstration, notes })

@@ -89,6 +89,7 @@ pub(crate) fn arcs(manifold: Manifold) -> Vec<Demonstration> {
             start,
             goal_frame,
             other_frames: BTreeMap::new(),
+            remarks: tprmp_model::skill_model::Remarks::default(),
             poses,
         }
     };

@@ -48,7 +48,7 @@ pub use fit::{
 };
 pub use model::{
     Adaptation, Canonical, Component, FieldModel, FrameGaussian, FrameMixture, Gaussian, Manifold,
-    PolicyModel, Pose, Provenance, SkillModel, Source, ThesisModel, Waypoint,
+    PolicyModel, Pose, Provenance, Remarks, SkillModel, Source, ThesisModel, Waypoint,
 };
 pub use recomputed::verify;
 pub use tprmp_rmpflow::policy::FRAME_CAPACITY;

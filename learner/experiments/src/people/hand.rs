@@ -272,6 +272,7 @@ fn demonstration(
         start: frames.start,
         goal_frame: frames.goal,
         other_frames,
+        remarks: tprmp_model::skill_model::Remarks::default(),
         poses,
     }
 }
