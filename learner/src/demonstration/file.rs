@@ -245,13 +245,7 @@ pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstr
     }
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let sha256 = sha256_hex(text.as_bytes());
-    let remarks = Remarks { operator: file.operator, notes: file.notes };
-    for (key, remark) in [("operator", &remarks.operator), ("notes", &remarks.notes)] {
-        let length = remark.as_ref().map_or(0, |text| text.chars().count());
-        if length > REMARK_MAX {
-            return fail(key, format!("expected at most {REMARK_MAX} characters, found {length}"));
-        }
-    }
+    let remarks = remarks(file.operator, file.notes, path)?;
     let skill = file.skill;
     Ok(Demonstration {
         name,
@@ -265,6 +259,22 @@ pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstr
         remarks,
         poses,
     })
+}
+
+/// What somebody wrote into a file.
+fn remarks(
+    operator: Option<String>,
+    notes: Option<String>,
+    path: &Path,
+) -> Result<Remarks, FileError> {
+    for (key, remark) in [("operator", &operator), ("notes", &notes)] {
+        let length = remark.as_ref().map_or(0, |text| text.chars().count());
+        if length > REMARK_MAX {
+            let problem = format!("expected at most {REMARK_MAX} characters, found {length}");
+            return Err(FileError::key(path, key, problem));
+        }
+    }
+    Ok(Remarks { operator, notes })
 }
 
 /// The pose of sample `i`.

@@ -270,8 +270,7 @@ impl Solver {
             (0..n).map(|j| entry(j).magnitude()).fold(0.0, |sum, term| (sum + term).next_up())
         };
         let most = (0..n).map(row).fold(0.0, f64::max);
-        // Written so that what is no number does not pass.
-        if !(most < 0.5) {
+        if most.is_nan() || most >= 0.5 {
             return None;
         }
         let ratio =

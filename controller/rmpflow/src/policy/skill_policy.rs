@@ -89,9 +89,8 @@ impl PolicyState {
         }
         let moved = value.natural.metric * Vector6::from(*acceleration);
         let beside = (moved - value.natural.force).norm_squared();
-        // Written so that what is no number is a disturbance.
-        self.disturbed =
-            !(beside <= DISTURBED * DISTURBED * moved.norm_squared() + f64::MIN_POSITIVE);
+        let most = DISTURBED * DISTURBED * moved.norm_squared() + f64::MIN_POSITIVE;
+        self.disturbed = beside.is_nan() || beside > most;
     }
 }
 
