@@ -151,7 +151,7 @@ pub fn choose(
 }
 
 fn candidate(skill: &Skill, samples: &Samples, components: usize, seed: u64) -> Candidate {
-    let Ok(mixture) = samples.learn(skill, components, seed) else {
+    let Ok(mixture) = samples.learn_exactly(skill, components, seed) else {
         let (log_likelihood, bic) = (f64::NEG_INFINITY, f64::INFINITY);
         return Candidate { components, log_likelihood, parameters: 0, bic, empty: true };
     };

@@ -225,8 +225,12 @@ impl Samples {
         })
     }
 
-    /// The same, without a word on how many would fit.
-    fn learn_exactly(
+    /// The same, of no more than [`Samples::components_max`], without a search for how many would fit: where many numbers
+    /// are tried.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub(crate) fn learn_exactly(
         &self,
         skill: &Skill,
         components: usize,
