@@ -120,22 +120,22 @@ fn rise(demonstrations: &[Demonstration], linear_max_m_s: f64, random: &mut ChaC
     most
 }
 
-#[test]
-fn v_falls_where_the_governor_slows_demonstrations_from_several_places() {
-    for seed in 0..4 {
+/// Learns from demonstrations that `drawn` makes of each seed.
+fn v_falls(seeds: u64, drawn: fn(&mut ChaCha8Rng) -> Vec<Demonstration>, linear_max_m_s: f64) {
+    for seed in 0..seeds {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let demonstrations = groups(&mut random);
-        let rise = rise(&demonstrations, 0.6, &mut random);
+        let demonstrations = drawn(&mut random);
+        let rise = rise(&demonstrations, linear_max_m_s, &mut random);
         assert!(rise < 1e-9, "seed {seed}: V rises by {rise:e} of its fall");
     }
 }
 
 #[test]
+fn v_falls_where_the_governor_slows_demonstrations_from_several_places() {
+    v_falls(4, groups, 0.6);
+}
+
+#[test]
 fn v_falls_on_tight_loops() {
-    for seed in 0..2 {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let demonstrations = loops(&mut random);
-        let rise = rise(&demonstrations, 0.1, &mut random);
-        assert!(rise < 1e-9, "seed {seed}: V rises by {rise:e} of its fall");
-    }
+    v_falls(2, loops, 0.1);
 }

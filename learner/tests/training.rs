@@ -2,6 +2,7 @@
 
 mod common;
 
+use std::path::PathBuf;
 use std::process::{Command, Output};
 
 use common::{Folder, arcs, skill, skill_text};
@@ -304,12 +305,18 @@ fn learner(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_learner")).args(arguments).output().unwrap()
 }
 
-#[test]
-fn the_command_trains_inspects_and_says_what_is_wrong() {
-    let folder = Folder::new("command");
+/// A folder with demonstrations, their skill file, and the path of the model to be.
+fn to_train(name: &str) -> (Folder, PathBuf, PathBuf) {
+    let folder = Folder::new(name);
     folder.demonstrations("demonstrated", &arcs(Manifold::R2));
     let file = folder.write("skill.ron", &skill_text("planar.ron"));
     let model = folder.path().join("model.ron");
+    (folder, file, model)
+}
+
+#[test]
+fn the_command_trains_inspects_and_says_what_is_wrong() {
+    let (folder, file, model) = to_train("command");
     let [file, out] = [&file, &model].map(|path| path.to_str().unwrap());
 
     let trained = learner(&["train", file, "--out", out, "--seed", "3"]);
@@ -344,10 +351,7 @@ fn the_command_trains_inspects_and_says_what_is_wrong() {
 
 #[test]
 fn remarks_come_into_the_provenance_and_are_printed_without_their_control_characters() {
-    let folder = Folder::new("remarks");
-    folder.demonstrations("demonstrated", &arcs(Manifold::R2));
-    let file = folder.write("skill.ron", &skill_text("planar.ron"));
-    let model = folder.path().join("model.ron");
+    let (folder, file, model) = to_train("remarks");
     let [file, out] = [&file, &model].map(|path| path.to_str().unwrap());
     let second = folder.path().join("demonstrated/made_up_02.json");
     let good = std::fs::read_to_string(&second).unwrap();

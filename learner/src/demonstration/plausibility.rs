@@ -143,7 +143,7 @@ mod tests {
     use super::*;
     use glam::{DQuat, DVec3};
     use std::path::Path;
-    use tprmp_model::skill_model::Manifold;
+    use tprmp_model::skill_model::{Manifold, Remarks};
 
     use crate::demonstration::file::read_folder;
 
@@ -165,7 +165,7 @@ mod tests {
             start: Pose::IDENTITY,
             goal_frame: Pose::IDENTITY,
             other_frames: std::collections::BTreeMap::new(),
-            remarks: tprmp_model::skill_model::Remarks::default(),
+            remarks: Remarks::default(),
             poses: poses.collect(),
         }
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::DVec3;
 use tprmp_files::name;
-use tprmp_model::skill_model::Manifold;
+use tprmp_model::skill_model::{Manifold, Remarks};
 use tprmp_spatial::Pose;
 
 use super::holes::Holes;
@@ -114,7 +114,7 @@ impl Recording {
             start: self.start,
             goal_frame: self.goal_frame,
             other_frames: self.other_frames,
-            remarks: tprmp_model::skill_model::Remarks::default(),
+            remarks: Remarks::default(),
             poses,
         };
         if selection.unit.is_none() && !self.has_own_unit {

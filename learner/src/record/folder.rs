@@ -78,7 +78,7 @@ impl Folder {
 mod tests {
     use super::*;
     use glam::DVec3;
-    use tprmp_model::skill_model::Manifold;
+    use tprmp_model::skill_model::{Manifold, Remarks};
     use tprmp_spatial::Pose;
 
     fn demonstration(points: i32) -> Demonstration {
@@ -92,7 +92,7 @@ mod tests {
             start: at(0.0),
             goal_frame: at(1.0),
             other_frames: std::collections::BTreeMap::new(),
-            remarks: tprmp_model::skill_model::Remarks::default(),
+            remarks: Remarks::default(),
             poses: (0..points).map(|i| at(f64::from(i) * 0.125)).collect(),
         }
     }

@@ -2,7 +2,7 @@
 //! times.
 
 use glam::DQuat;
-use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
+use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold, Remarks};
 use tprmp_spatial::Pose;
 
 use super::bounds::Bounds;
@@ -188,7 +188,7 @@ impl Recording {
             start,
             goal_frame,
             other_frames,
-            remarks: tprmp_model::skill_model::Remarks::default(),
+            remarks: Remarks::default(),
             poses,
         };
         Ok(Recorded { demonstration, notes })

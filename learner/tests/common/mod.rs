@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec3};
 use tprmp_learner::demonstration::{Demonstration, to_text};
 use tprmp_learner::skill::Skill;
-use tprmp_model::skill_model::Manifold;
+use tprmp_model::skill_model::{Manifold, Remarks};
 use tprmp_spatial::Pose;
 
 pub(crate) use folder::Folder;
@@ -89,7 +89,7 @@ pub(crate) fn arcs(manifold: Manifold) -> Vec<Demonstration> {
             start,
             goal_frame,
             other_frames: BTreeMap::new(),
-            remarks: tprmp_model::skill_model::Remarks::default(),
+            remarks: Remarks::default(),
             poses,
         }
     };

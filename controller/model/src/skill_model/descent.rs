@@ -91,45 +91,45 @@ fn slopes<const N: usize>(field: &Field<N>, phases: Interval) -> Option<[Interva
         weights.iter().zip(&parts).map(|(weight, part)| *weight * of(part)).sum()
     };
     let Weights { value, first, second } = &weights;
-    let n = N - 1;
-    let vector = |of: &dyn Fn(usize) -> Interval| -> Vector {
-        core::array::from_fn(|i| if i < n { of(i) } else { Interval::ZERO })
-    };
     let matrix = |weights: &[Interval], less: &Matrix| -> Matrix {
-        core::array::from_fn(|i| {
-            vector(&|j| {
-                if i < n { sum(weights, &|p| p.h[i][j] - less[i][j]) } else { Interval::ZERO }
-            })
-        })
+        matrix::<N>(|i, j| sum(weights, &|p| p.h[i][j] - less[i][j]))
     };
     let two = Interval::point(2.0);
     let a1 = sum(first, &|p| p.a[0] - base.a[0]) + sum(value, &|p| p.a[1]);
     let a2 = sum(second, &|p| p.a[0] - base.a[0])
         + two * sum(first, &|p| p.a[1] - base.a[1])
         + sum(value, &|p| p.a[2]);
-    let b = vector(&|i| sum(value, &|p| p.b[0][i]));
-    let b1 = vector(&|i| sum(first, &|p| p.b[0][i] - base.b[0][i]) + sum(value, &|p| p.b[1][i]));
-    let b2 = vector(&|i| {
+    let b = vector::<N>(|i| sum(value, &|p| p.b[0][i]));
+    let b1 =
+        vector::<N>(|i| sum(first, &|p| p.b[0][i] - base.b[0][i]) + sum(value, &|p| p.b[1][i]));
+    let b2 = vector::<N>(|i| {
         sum(second, &|p| p.b[0][i] - base.b[0][i]) + two * sum(first, &|p| p.b[1][i] - base.b[1][i])
     });
     let (h1, h2) = (matrix(first, &base.h), matrix(second, &base.h));
     let solver = Solver::new::<N>(&matrix(value, &[NOWHERE; MOST]))?;
     let valley = solver.solve(&b).map(|r| -r);
-    let rate_of = add(&b1, &times(&h1, &valley));
+    let curved = times(&h1, &valley);
+    let rate_of: Vector = core::array::from_fn(|i| b1[i] + curved[i]);
     let rate = solver.solve(&rate_of).map(|r| -r);
     let half = Interval::point(0.5);
     Some([
-        a1 + dot(&b1, &valley) + half * dot(&valley, &times(&h1, &valley)),
+        a1 + dot(&b1, &valley) + half * dot(&valley, &curved),
         a2 + dot(&b2, &valley) + half * dot(&valley, &times(&h2, &valley)) + dot(&rate_of, &rate),
     ])
 }
 
-fn dot(a: &Vector, b: &Vector) -> Interval {
-    a.iter().zip(b).map(|(a, b)| *a * *b).sum()
+/// A vector of the coordinates beside the phase, and zeros.
+fn vector<const N: usize>(of: impl Fn(usize) -> Interval) -> Vector {
+    core::array::from_fn(|i| if i + 1 < N { of(i) } else { Interval::ZERO })
 }
 
-fn add(a: &Vector, b: &Vector) -> Vector {
-    core::array::from_fn(|i| a[i] + b[i])
+/// A matrix of them, and zeros.
+fn matrix<const N: usize>(of: impl Fn(usize, usize) -> Interval) -> Matrix {
+    core::array::from_fn(|i| if i + 1 < N { vector::<N>(|j| of(i, j)) } else { NOWHERE })
+}
+
+fn dot(a: &Vector, b: &Vector) -> Interval {
+    a.iter().zip(b).map(|(a, b)| *a * *b).sum()
 }
 
 fn times(matrix: &Matrix, vector: &Vector) -> Vector {
@@ -154,17 +154,10 @@ impl Part {
         let last = N - 1;
         let Component { mean, potential, gradient, hessian, .. } = component;
         let along = phases - Interval::point(mean[last]);
-        let vector = |of: &dyn Fn(usize) -> Interval| -> Vector {
-            core::array::from_fn(|i| if i < last { of(i) } else { Interval::ZERO })
-        };
-        let offset = vector(&|i| Interval::point(origin[i]) - Interval::point(mean[i]));
-        let own = vector(&|i| Interval::point(gradient[i]));
-        let mixed = vector(&|i| Interval::point(hessian[(i, last)]));
-        let h: Matrix = core::array::from_fn(|i| {
-            vector(&|j| {
-                if i < last { Interval::point(hessian[(i, j)]) } else { Interval::ZERO }
-            })
-        });
+        let offset = vector::<N>(|i| Interval::point(origin[i]) - Interval::point(mean[i]));
+        let own = vector::<N>(|i| Interval::point(gradient[i]));
+        let mixed = vector::<N>(|i| Interval::point(hessian[(i, last)]));
+        let h = matrix::<N>(|i, j| Interval::point(hessian[(i, j)]));
         let curved = times(&h, &offset);
         let half = Interval::point(0.5);
         let constant =
@@ -289,27 +282,19 @@ impl Solver {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
+    use crate::skill_model::valley::tests::straight;
+    use nalgebra::{Matrix4, Vector4};
     use proptest::prelude::*;
 
-    /// A straight valley that falls by 0.5 (1 − s) to its goal, but for a heap on its path.
-    fn straight(heap: f64) -> Field<3> {
-        let component = |s: f64| Component {
-            mean: Vector3::new(s, 0.0, s),
-            metric: Matrix3::identity(),
-            potential: 0.25 * (s - 1.0).powi(2) + if s == 0.2 { heap } else { 0.0 },
-            gradient: Vector3::new(0.0, 0.0, 0.5 * (s - 1.0)),
-            hessian: Matrix3::new(2.0, 0.0, -2.0, 0.0, 2.0, 0.0, -2.0, 0.0, 2.5),
-        };
-        Field::new(&[0.0, 0.2, 0.4, 0.6, 0.8, 1.0].map(component), 0.12, 8.0).unwrap()
-    }
+    /// The heap's tail does not reach the goal.
+    const HEAP_AT: f64 = 0.2;
 
     #[test]
     fn a_valley_that_falls_is_proved_and_one_that_rises_is_not() {
-        assert!(prove(&straight(0.0)).is_ok_and(|intervals| intervals > 2));
-        let [low, high] = prove(&straight(1.0)).unwrap_err();
+        assert!(prove(&straight(1.0, HEAP_AT, 0.0)).is_ok_and(|intervals| intervals > 2));
+        let [low, high] = prove(&straight(1.0, HEAP_AT, 1.0)).unwrap_err();
         assert!(low > -0.25 && high < 0.2, "{low} {high}");
-        let mut flat = straight(0.0).components().to_vec();
+        let mut flat = straight(1.0, HEAP_AT, 0.0).components().to_vec();
         flat.iter_mut().for_each(|c| c.hessian[(1, 1)] = -1.0);
         assert!(prove(&Field::new(&flat, 0.12, 8.0).unwrap()).is_err());
     }
@@ -320,10 +305,12 @@ mod tests {
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..30 {
             let middle = 0.5 * (low + high);
-            *(if prove(&straight(middle)).is_ok() { &mut low } else { &mut high }) = middle;
+            *(if prove(&straight(1.0, HEAP_AT, middle)).is_ok() { &mut low } else { &mut high }) =
+                middle;
         }
         let most = |heap: f64| {
-            let slope = |i: i32| straight(heap).valley(f64::from(i) / 1e5).unwrap().slope;
+            let slope =
+                |i: i32| straight(1.0, HEAP_AT, heap).valley(f64::from(i) / 1e5).unwrap().slope;
             (-25_000..98_000).map(slope).fold(f64::NEG_INFINITY, f64::max)
         };
         assert!(low > 0.01 && most(low) < 0.0, "{low}: {}", most(low));

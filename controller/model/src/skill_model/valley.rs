@@ -48,21 +48,30 @@ pub fn descent<const N: usize>(field: &Field<N>, phase_length: f64) -> (f64, Vec
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use nalgebra::{Matrix3, Vector3};
     use tprmp_rmpflow::policy::canonical::field::Component;
 
-    /// A straight valley that falls by 0.5 (2 − s) to its goal at s = 2, but for a heap on its path.
-    fn valley(heap: f64) -> Field<3> {
-        let component = |s: f64| Component {
-            mean: Vector3::new(s, 0.0, s),
-            metric: Matrix3::identity(),
-            potential: 0.25 * (s - 2.0).powi(2) + if s == 1.2 { heap } else { 0.0 },
-            gradient: Vector3::new(0.0, 0.0, 0.5 * (s - 2.0)),
-            hessian: Matrix3::new(2.0, 0.0, -2.0, 0.0, 2.0, 0.0, -2.0, 0.0, 2.5),
+    /// A straight valley that falls by 0.5 (g − s) to its goal at s = g, but for a heap on its path.
+    pub(crate) fn straight(goal: f64, heap_at: f64, heap: f64) -> Field<3> {
+        let component = |i: i32| {
+            let s = goal * f64::from(i) / 5.0;
+            let heap = if (s - heap_at).abs() < 1e-9 { heap } else { 0.0 };
+            Component {
+                mean: Vector3::new(s, 0.0, s),
+                metric: Matrix3::identity(),
+                potential: 0.25 * (s - goal).powi(2) + heap,
+                gradient: Vector3::new(0.0, 0.0, 0.5 * (s - goal)),
+                hessian: Matrix3::new(2.0, 0.0, -2.0, 0.0, 2.0, 0.0, -2.0, 0.0, 2.5),
+            }
         };
-        Field::new(&[0.0, 0.4, 0.8, 1.2, 1.6, 2.0].map(component), 0.24, 8.0).unwrap()
+        let components = [0, 1, 2, 3, 4, 5].map(component);
+        Field::new(&components, 0.12 * goal, 8.0).unwrap()
+    }
+
+    fn valley(heap: f64) -> Field<3> {
+        straight(2.0, 1.2, heap)
     }
 
     #[test]

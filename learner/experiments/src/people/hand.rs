@@ -7,7 +7,7 @@ use glam::{DQuat, DVec3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tprmp_learner::demonstration::Demonstration;
-use tprmp_model::skill_model::Manifold;
+use tprmp_model::skill_model::{Manifold, Remarks};
 use tprmp_spatial::Pose;
 
 use crate::people::scene::{Frames, GATE, Scene};
@@ -272,7 +272,7 @@ fn demonstration(
         start: frames.start,
         goal_frame: frames.goal,
         other_frames,
-        remarks: tprmp_model::skill_model::Remarks::default(),
+        remarks: Remarks::default(),
         poses,
     }
 }
