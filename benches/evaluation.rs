@@ -341,7 +341,7 @@ fn growth(report: &mut Report<'_>) {
     let q = SVector::from(POSITION);
     let frames = both(pick_frames, 0.001);
     let config = &loaded.config;
-    let policy = |skill: SkillPolicy| RobotPolicy::new(chain.clone(), vec![skill], &points, config);
+    let policy = |skill: SkillPolicy| RobotPolicy::new(chain.clone(), vec![vec![skill]], &points, config);
     let default = |count: usize| {
         let model = with_components(&loaded.skills[0].model, count);
         let policy = policy(model.policy().expect("what was a skill is one"));
@@ -361,7 +361,7 @@ fn growth(report: &mut Report<'_>) {
     let (thesis, ..) = load::<6>("ur5_pick.ron", "pick_thesis.model.ron");
     let still = both(pick_frames, 0.0);
     let product = |components: usize, frames: &[Vec<MovingPose>; 2]| {
-        let policy = policy(with_product(&thesis.skills[0].policy, components, frames[0].len()));
+        let policy = policy(with_product(&thesis.skills[0].modes[0], components, frames[0].len()));
         measure(tick(&policy, q, frames, &[]))
     };
     let counts = [5, 10, 15, 20, 30, 40, 50];

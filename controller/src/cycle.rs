@@ -158,6 +158,7 @@ impl<const N: usize> Cycle<N> {
         RunOutcome {
             life_cycle: self.task.life_cycle(),
             states_lost: self.inbox.states_lost(),
+            mode: self.shared.status.mode(),
             allocations: self.peers.allocations(),
             connections: self.peers.connections(),
             page_faults,
@@ -359,6 +360,7 @@ impl<const N: usize> Cycle<N> {
         let chain = self.policy.chain();
         let setpoint = self.motion.follow(chain, state, &decision.acceleration, dt)?;
         self.workspace.advance(&setpoint.asked, dt);
+        self.shared.status.write_choice(self.workspace.choice().as_ref());
         self.outbox.set(&setpoint);
         let (life_cycle, remaining) =
             self.task.advance(gripper, &decision.tool, &decision.goal, now_ns, dt);

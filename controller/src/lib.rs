@@ -4,6 +4,7 @@
 //! Start here: [`cycle`] is the loop, [`policy`] the tree it evaluates, [`startup`] what happens
 //! before it. Start-up may allocate, read files and fail loudly; the cycle may do none of that.
 
+pub mod arm;
 pub mod commands;
 pub mod control;
 pub mod cycle;
@@ -12,6 +13,7 @@ pub mod motion;
 pub mod outbox;
 pub mod peers;
 pub mod policy;
+pub mod skill_leaf;
 pub mod startup;
 pub mod task;
 pub mod telemetry;

@@ -104,8 +104,16 @@ impl StartError {
 pub struct LoadedSkill {
     /// The model.
     pub model: SkillModel,
-    /// The policy of the model.
-    pub policy: SkillPolicy,
+    /// The policies of its modes, the first one's first.
+    pub modes: Vec<SkillPolicy>,
+}
+
+impl LoadedSkill {
+    /// How many of the model's frames its modes need, the first ones.
+    #[must_use]
+    pub fn frame_count(&self) -> usize {
+        self.modes.iter().map(SkillPolicy::frame_count).max().unwrap_or(0)
+    }
 }
 
 /// Everything a run needs, validated.
@@ -118,10 +126,10 @@ pub struct Loaded {
 }
 
 impl Loaded {
-    /// The policies of the skills, for [`RobotPolicy::new`].
+    /// The policies of the skills' modes, for [`RobotPolicy::new`].
     #[must_use]
-    pub fn policies(&self) -> Vec<SkillPolicy> {
-        self.skills.iter().map(|skill| skill.policy.clone()).collect()
+    pub fn policies(&self) -> Vec<Vec<SkillPolicy>> {
+        self.skills.iter().map(|skill| skill.modes.clone()).collect()
     }
 }
 
@@ -173,7 +181,7 @@ pub fn load_skills(
     }
     let load = |path: &_| load_skill(config_path, &config, AsRef::as_ref(path), allow_uncertified);
     let skills: Vec<_> = model_paths.iter().map(load).collect::<Result<_, _>>()?;
-    let frames: usize = skills.iter().map(|skill| skill.policy.frame_count()).sum();
+    let frames: usize = skills.iter().map(LoadedSkill::frame_count).sum();
     if frames > FRAME_CAPACITY {
         let expected = format!("models of at most {FRAME_CAPACITY} frames together");
         return Err(StartError::key(config_path, "additional_skills", expected, frames));
@@ -198,7 +206,7 @@ fn load_skill(
     allow_uncertified: bool,
 ) -> Result<LoadedSkill, StartError> {
     let model = skill_model::read(model_path)?;
-    if let (Some(first), false) = (model.certificate.failures.first(), allow_uncertified) {
+    if let (Some(first), false) = (model.failures().first(), allow_uncertified) {
         return Err(StartError::Uncertified { model: model_path.into(), failure: first.clone() });
     }
     let mismatch = |key, found: String, expected: String| StartError::Mismatch {
@@ -232,11 +240,15 @@ fn load_skill(
             ));
         }
     }
-    let policy = model.policy().map_err(|error| {
-        mismatch("policy", format!("a policy where {error}"), "a loop that evaluates it".into())
-    })?;
-    skill_model::verify(&model, &policy, model_path)?;
-    Ok(LoadedSkill { model, policy })
+    let mut modes = Vec::new();
+    for mode in model.modes() {
+        let policy = mode.policy().map_err(|error| {
+            mismatch("policy", format!("a policy where {error}"), "a loop that evaluates it".into())
+        })?;
+        skill_model::verify(mode, &policy, model_path)?;
+        modes.push(policy);
+    }
+    Ok(LoadedSkill { model, modes })
 }
 
 /// The robot of a configuration.
@@ -334,7 +346,7 @@ pub fn replacement<const N: usize>(
     let policy = RobotPolicy::new(chain, loaded.policies(), &points, config);
     let frame_name = |name: &str| name_bytes(name).expect("checked by `load`");
     let names = skills.iter().flat_map(|skill| {
-        let frames = skill.model.frames.iter().take(skill.policy.frame_count());
+        let frames = skill.model.frames.iter().take(skill.frame_count());
         frames.map(|frame| frame_name(&frame.name))
     });
     let task = &skills[0].model;

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 use tprmp_messages::{LifeCycle, Reason};
 
 use crate::peers::Connections;
+use crate::skill_leaf::Choice;
 use crate::timing::realtime::PageFaults;
 
 /// Longest time the histograms resolve \[ns\].
@@ -116,6 +117,8 @@ pub struct RunOutcome {
     pub allocations: u64,
     /// Connections made inside the loop.
     pub connections: Connections,
+    /// In which mode the task's skill was done, where it has several.
+    pub mode: Option<ModeReport>,
     /// Page faults inside the loop, `None` where the system does not say.
     pub page_faults: Option<PageFaults>,
 }
@@ -125,6 +128,45 @@ pub struct RunOutcome {
 pub struct SharedStatus {
     life_cycle: AtomicU32,
     reason: AtomicU32,
+    choice: SharedChoice,
+}
+
+/// Which mode the task's skill is done in, and why. All zero where it has one only.
+#[derive(Debug, Default)]
+struct SharedChoice {
+    /// Its number, from 1.
+    mode: AtomicU32,
+    modes: AtomicU32,
+    /// 1 where the arm can follow it, 2 where it is free, 3 for both.
+    prospect: AtomicU32,
+    distance_mm: AtomicU32,
+}
+
+/// Which mode the task's skill is done in, and why.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ModeReport {
+    /// Its number, from 1.
+    pub mode: u32,
+    /// Of how many.
+    pub modes: u32,
+    /// Whether the arm can follow it.
+    pub reachable: bool,
+    /// Whether nothing is in the way.
+    pub free: bool,
+    /// How far the tool was from its path \[mm\].
+    pub distance_mm: u32,
+}
+
+impl std::fmt::Display for ModeReport {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { mode, modes, distance_mm, .. } = self;
+        write!(f, "mode {mode} of {modes}: {distance_mm} mm from its path")?;
+        f.write_str(match (self.reachable, self.free) {
+            (true, true) => ", which the arm can follow and which is free",
+            (true, false) => ", which the arm can follow; an obstacle is in the way of each mode",
+            (false, _) => "; the arm can follow none of them to its end",
+        })
+    }
 }
 
 impl SharedStatus {
@@ -132,6 +174,34 @@ impl SharedStatus {
     pub fn write(&self, life_cycle: LifeCycle, reason: Reason) {
         self.life_cycle.store(life_cycle.to_wire(), Ordering::Relaxed);
         self.reason.store(reason.to_wire(), Ordering::Relaxed);
+    }
+
+    /// Stores in which mode the task's skill is done. No lock, no allocation.
+    pub fn write_choice(&self, choice: Option<&Choice>) {
+        let Some(Choice { mode, modes, prospect }) = choice.filter(|choice| choice.modes > 1) else {
+            return;
+        };
+        let SharedChoice { mode: number, modes: count, prospect: verdict, distance_mm } = &self.choice;
+        let bits = u32::from(prospect.is_reachable()) + 2 * u32::from(prospect.is_free());
+        distance_mm.store((1e3 * prospect.distance_m) as u32, Ordering::Relaxed);
+        verdict.store(bits, Ordering::Relaxed);
+        count.store(*modes as u32, Ordering::Relaxed);
+        number.store(*mode as u32 + 1, Ordering::Release);
+    }
+
+    /// In which mode the task's skill is done; `None` where it has one only, and before it was decided.
+    #[must_use]
+    pub fn mode(&self) -> Option<ModeReport> {
+        let SharedChoice { mode, modes, prospect, distance_mm } = &self.choice;
+        let mode = mode.load(Ordering::Acquire);
+        let bits = prospect.load(Ordering::Relaxed);
+        (mode > 0).then(|| ModeReport {
+            mode,
+            modes: modes.load(Ordering::Relaxed),
+            reachable: bits & 1 != 0,
+            free: bits & 2 != 0,
+            distance_mm: distance_mm.load(Ordering::Relaxed),
+        })
     }
 
     /// What was stored last.
@@ -220,6 +290,13 @@ impl Telemetry {
             .collect();
         let mut summary = json!({
             "life_cycle": format!("{:?}", outcome.life_cycle),
+            "mode": outcome.mode.map(|mode| json!({
+                "number": mode.mode,
+                "of": mode.modes,
+                "reachable": mode.reachable,
+                "free": mode.free,
+                "distance_mm": mode.distance_mm,
+            })),
             "ticks": self.ticks,
             "deadline_misses": self.deadline_misses,
             "skipped_periods": self.skipped_periods,
@@ -295,6 +372,7 @@ mod tests {
     use super::*;
 
     const RUNNING: RunOutcome = RunOutcome {
+        mode: None,
         states_lost: 0,
         life_cycle: LifeCycle::Running,
         allocations: 0,
@@ -327,6 +405,7 @@ mod tests {
         let outcome = RunOutcome {
             states_lost: 7,
             life_cycle: LifeCycle::Done,
+            mode: None,
             allocations: 3,
             connections,
             page_faults: Some(PageFaults { minor: 2, major: 1 }),

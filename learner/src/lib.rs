@@ -35,6 +35,7 @@ pub mod file_error;
 pub mod fit;
 pub mod import;
 pub mod mixture;
+pub mod modes;
 pub mod plot;
 pub mod record;
 pub mod report;

@@ -204,9 +204,9 @@ fn train(options: TrainOptions) -> Outcome {
     let trained = train::train(&options.skill, components, options.seed, show)?;
     progress.finish();
     print(&report::trained(&trained));
-    let failures = &trained.model.certificate.failures;
+    let failures = trained.model.failures();
     if !(failures.is_empty() || options.allow_uncertified) {
-        return Err(CommandError::Uncertified { failures: failures.clone() }.into());
+        return Err(CommandError::Uncertified { failures }.into());
     }
     skill_model::write(&trained.model, &options.out)?;
     print_written(std::slice::from_ref(&options.out));

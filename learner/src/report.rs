@@ -31,7 +31,7 @@ macro_rules! line {
 pub fn trained(trained: &Trained) -> String {
     let model = &trained.model;
     let mut text = trained.choice.as_ref().map(choice).unwrap_or_default();
-    let count = model.provenance.demonstrations.len();
+    let count: usize = model.modes().map(|mode| mode.provenance.demonstrations.len()).sum();
     line!(
         text,
         "skill",
@@ -41,9 +41,12 @@ pub fn trained(trained: &Trained) -> String {
         trained.samples,
         model.gaussians.len()
     );
-    fit(&mut text, &model.fit);
-    agreement(&mut text, model);
-    certificate(&mut text, &model.certificate);
+    for (i, mode) in model.modes().enumerate() {
+        mode_line(&mut text, model, i);
+        fit(&mut text, &mode.fit);
+        agreement(&mut text, mode);
+        certificate(&mut text, &mode.certificate);
+    }
     let times: Vec<_> = trained
         .times
         .iter()
@@ -54,6 +57,17 @@ pub fn trained(trained: &Trained) -> String {
         line!(text, "warning", "{warning}");
     }
     text
+}
+
+/// Which mode follows, of a model that has several.
+fn mode_line(text: &mut String, model: &SkillModel, index: usize) {
+    let mut modes = model.modes();
+    let count = modes.len();
+    if let Some(mode) = modes.nth(index).filter(|_| count > 1) {
+        let files = mode.provenance.demonstrations.iter().map(|source| source.file.as_str());
+        let files: Vec<&str> = files.collect();
+        line!(text, "mode", "{} of {count}, from {}", index + 1, files.join(", "));
+    }
 }
 
 /// The mixtures that were tried, the chosen one marked.
@@ -85,22 +99,38 @@ pub fn inspected(model: &SkillModel) -> String {
     line!(text, "skill", "{} ({})", model.skill, model.manifold);
     line!(text, "moves", "link `{}`", model.tool_frame);
     line!(text, "frames", "from `{}` to a goal fixed to `{}`", model.start_frame, model.goal_frame);
-    canonical(&mut text, &model.canonical);
+    for (i, mode) in model.modes().enumerate() {
+        if i > 0 {
+            text.push('\n');
+        }
+        mode_line(&mut text, model, i);
+        inspected_mode(&mut text, mode);
+    }
+    line!(text, "with", "the skill file's values");
+    for (key, value) in &model.provenance.hyper_parameters {
+        say!(text, "  {key} = {value}");
+    }
+    text
+}
+
+/// All of a mode.
+fn inspected_mode(text: &mut String, model: &SkillModel) {
+    canonical(text, &model.canonical);
     match &model.policy {
         PolicyModel::Canonical { position, orientation } => {
-            field(&mut text, "position", "m", position);
+            field(text, "position", "m", position);
             if let Some(orientation) = orientation {
-                field(&mut text, "orientation", "rad", orientation);
+                field(text, "orientation", "rad", orientation);
             }
         }
-        PolicyModel::Thesis(policy) => thesis(&mut text, policy),
+        PolicyModel::Thesis(policy) => thesis(text, policy),
     }
-    gaussians(&mut text, &model.gaussians);
-    frames(&mut text, &model.frames);
+    gaussians(text, &model.gaussians);
+    frames(text, &model.frames);
     text.push('\n');
-    fit(&mut text, &model.fit);
-    agreement(&mut text, model);
-    certificate(&mut text, &model.certificate);
+    fit(text, &model.fit);
+    agreement(text, model);
+    certificate(text, &model.certificate);
     text.push('\n');
     let provenance = &model.provenance;
     line!(
@@ -119,11 +149,6 @@ pub fn inspected(model: &SkillModel) -> String {
             }
         }
     }
-    line!(text, "with", "the skill file's values");
-    for (key, value) in &provenance.hyper_parameters {
-        say!(text, "  {key} = {value}");
-    }
-    text
 }
 
 /// Frames and goal in canonical coordinates.

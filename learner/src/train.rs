@@ -11,7 +11,7 @@ use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
 
 use crate::alignment::rest::DemonstrationError;
 use crate::alignment::{Aligned, Alignment, consistency};
-use crate::canonical::agreement::{Agreement, best_aligned, two_ways};
+use crate::canonical::agreement::{Agreement, two_paths};
 use crate::canonical::{CanonicalSet, canonicalise};
 use crate::certify::Certifier;
 use crate::certify::policy::LearnedPolicy;
@@ -22,6 +22,7 @@ use crate::fit::thesis::ThesisFit;
 use crate::fit::{self, FitError, Reason};
 use crate::mixture::MixtureError;
 use crate::mixture::components::{Choice, ChoiceError, Components, choose};
+use crate::modes::{self, Mode, Modes};
 use crate::mixture::tp_gmm::{Samples, TpGmm, uninformative_frames};
 use crate::skill::{FitSettings, Skill};
 
@@ -153,20 +154,27 @@ pub fn train(
         &skill.other_frames,
     )?;
     let started = Instant::now();
+    let modes = modes::split(&skill, &demonstrations)?;
+    let aligned = started.elapsed();
+    progress(&Step::Alignment.to_string());
+    let started = Instant::now();
     let Some(origin) = components.origin() else {
-        return learn(&skill, &demonstrations, seed, progress);
+        let mut trained = learn_modes(&skill, modes, seed, progress)?;
+        trained.times.insert(0, (Step::Alignment, aligned));
+        return Ok(trained);
     };
     let (count, choice) = match components {
         Components::SkillFile => (skill.mixture.components, None),
         Components::Count(count) => (count, None),
         Components::Auto { least, most } => {
-            let choice = choose(&skill, &demonstrations, seed, least..=most, progress)?;
+            let Mode { aligned, set, .. } = &modes.modes[0];
+            let choice = choose(&skill, (aligned, set), seed, least..=most, progress)?;
             (choice.components, Some(choice))
         }
     };
     let chosen = started.elapsed();
     let skill = skill.with_components(count).map_err(ChoiceError::Components)?;
-    let mut trained = learn(&skill, &demonstrations, seed, progress)?;
+    let mut trained = learn_modes(&skill, modes, seed, progress)?;
     trained.model.provenance.hyper_parameters.push(("mixture.components_origin".into(), origin));
     if let Some(choice) = choice {
         trained.times.insert(0, (Step::Choice, chosen));
@@ -176,7 +184,51 @@ pub fn train(
     Ok(trained)
 }
 
-/// Learns a model from demonstrations, and certifies it: its certificate may have failures.
+/// Learns each mode from its demonstrations: the first one's model carries the others.
+///
+/// # Errors
+/// [`TrainError`], of the first mode that fails.
+///
+/// # Panics
+/// When there is no mode.
+pub fn learn_modes(
+    skill: &Skill,
+    Modes { modes, told }: Modes,
+    seed: u64,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Trained, TrainError> {
+    let count = modes.len();
+    let mut warnings = told;
+    for (number, mode) in (1..).zip(&modes) {
+        if let ([only], true) = (&mode.recorded[..], count > 1) {
+            warnings.push(format!(
+                "mode {number} has one demonstration, `{}`: how far it may be trusted nobody can tell; give it \
+                 again, or remove it if it is a mistake",
+                only.name
+            ));
+        }
+    }
+    let mut all: Option<Trained> = None;
+    for (number, mode) in (1..).zip(modes) {
+        let trained = learn_mode(skill, mode, seed, progress)?;
+        let named = |warning| if count > 1 { format!("mode {number}: {warning}") } else { warning };
+        warnings.extend(trained.warnings.iter().cloned().map(named));
+        match &mut all {
+            None => all = Some(trained),
+            Some(first) => {
+                for ((_, sum), (_, time)) in first.times.iter_mut().zip(&trained.times) {
+                    *sum += *time;
+                }
+                first.samples += trained.samples;
+                first.model.other_modes.push(trained.model);
+            }
+        }
+    }
+    Ok(Trained { warnings, ..all.expect("there is a mode") })
+}
+
+/// Learns a model from demonstrations, and certifies it: its certificate may have failures. All of them are one
+/// way of doing the skill.
 ///
 /// # Errors
 /// [`TrainError`]: the demonstrations cannot be learned from, or a convex program is not solved.
@@ -189,10 +241,25 @@ pub fn learn(
     seed: u64,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Trained, TrainError> {
+    let started = Instant::now();
+    let mode = Mode::of_all(skill, recorded)?;
+    let aligned = started.elapsed();
+    let mut trained = learn_mode(skill, mode, seed, progress)?;
+    trained.times.insert(0, (Step::Alignment, aligned));
+    Ok(trained)
+}
+
+/// [`learn`], of what is aligned.
+fn learn_mode(
+    skill: &Skill,
+    mode: Mode,
+    seed: u64,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Trained, TrainError> {
     let mut clock = Clock { since: Instant::now(), times: Vec::new(), progress };
-    let (aligned, set) = best_aligned(skill, recorded)?;
+    let Mode { recorded, aligned, set, .. } = mode;
+    let recorded = &recorded[..];
     let Aligned { demonstrations, alignments, .. } = &aligned;
-    clock.done(Step::Alignment);
     let names: Vec<&str> = demonstrations.iter().map(|d| d.name.as_str()).collect();
     let fitted = FittedPolicy::new(skill, demonstrations, set, seed, &mut |step| clock.done(step));
     let fitted = diagnosed(fitted, &names, |left_out| {
@@ -223,7 +290,12 @@ pub fn learn(
     warnings.extend(uninformative_frames(skill, demonstrations));
     warnings.extend(left_out_frames(skill, demonstrations, set));
     warnings.extend(fitted.agreement.warnings(skill, demonstrations));
-    warnings.extend(two_ways(demonstrations, set, span_m));
+    if let Some(paths) = two_paths(skill, demonstrations, set) {
+        warnings.push(format!(
+            "{}; what is learned is their mean, which nobody demonstrated: learn each from a folder of its own",
+            paths.told
+        ));
+    }
     warnings.extend(fit_warnings(&model.fit, span_m));
     let samples = demonstrations.iter().map(|d| d.poses.len()).sum();
     Ok(Trained { model, warnings, times: clock.times, samples, choice: None })
@@ -304,6 +376,7 @@ impl FittedPolicy {
                 demonstrations: demonstrations.iter().map(source).collect(),
                 hyper_parameters: skill.values(),
             },
+            other_modes: Vec::new(),
         }
     }
 }

@@ -42,7 +42,12 @@ fn describe_model(path: &Path, model: &SkillModel) {
         model.gaussians.len(),
     );
     line("ok", "model", &text);
-    match model.certificate.failures.first() {
+    let modes = model.modes();
+    if modes.len() > 1 {
+        let text = format!("{} ways of doing it, decided on when it starts", modes.len());
+        line("ok", "modes", &text);
+    }
+    match model.failures().first() {
         None => line("ok", "certificate", "holds; metric, valley and goal were looked at again"),
         Some(failure) => line(
             "lack",

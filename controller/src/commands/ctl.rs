@@ -113,7 +113,11 @@ impl Ctl {
         }
         let life_cycle = LifeCycle::from_wire(answer.life_cycle).unwrap_or_default();
         let reason = Reason::from_wire(answer.reason).unwrap_or_default();
-        outln!("{}", if text.is_empty() { describe(life_cycle, reason) } else { text });
+        match (&self.verb, text.is_empty()) {
+            (Verb::Status, false) => outln!("{}; {text}", describe(life_cycle, reason)),
+            (_, true) => outln!("{}", describe(life_cycle, reason)),
+            (_, false) => outln!("{text}"),
+        }
         Ok(())
     }
 }

@@ -44,6 +44,7 @@ impl Drop for Monitor {
 
 fn watch(status: &SharedStatus, closed: &AtomicBool) {
     let (mut printed, mut last, mut looks) = (None, None, 0);
+    let mut printed_mode = None;
     while !closed.load(Ordering::Relaxed) {
         let now = status.read();
         looks = if last == Some(now) { looks + 1 } else { 0 };
@@ -51,6 +52,11 @@ fn watch(status: &SharedStatus, closed: &AtomicBool) {
         if looks >= LOOKS_MIN && printed != Some(now) {
             printed = Some(now);
             errln!("controller: {}", describe(now.0, now.1));
+        }
+        let mode = status.mode();
+        if let Some(report) = mode.filter(|_| mode != printed_mode) {
+            printed_mode = mode;
+            errln!("controller: {report}");
         }
         thread::sleep(PERIOD);
     }

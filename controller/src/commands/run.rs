@@ -166,7 +166,7 @@ impl WithRobot for Work<'_> {
 /// Which models are run although they failed their certificate.
 fn print_failures(loaded: &Loaded) {
     for model in loaded.skills.iter().map(|skill| &skill.model) {
-        let count = model.certificate.failures.len();
+        let count = model.failures().len();
         if count > 0 {
             let name = &model.skill;
             errln!("controller: the model of `{name}` fails its certificate in {count} points");

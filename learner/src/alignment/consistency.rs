@@ -8,7 +8,7 @@ use glam::{DQuat, DVec3};
 use tprmp_spatial::Pose;
 use tprmp_spatial::rotation::rotation_vector;
 
-use crate::alignment::groups::two_groups;
+use crate::alignment::groups::one_group_from_the_others;
 use crate::demonstration::{Demonstration, largest_span_m};
 use crate::skill::Skill;
 
@@ -32,6 +32,8 @@ const SCATTER_RAD: f64 = 8.0 * std::f64::consts::PI / 180.0;
 const END_SPEED_FRACTION: f64 = 0.2;
 /// Over how many samples its last speed is taken.
 const END_SAMPLES: usize = 4;
+/// Of groups that are learned together.
+const NEITHER: &str = "; their mean is neither: are these two ways of doing it?";
 /// Axes that are named instead of written as numbers are this near to one, as a cosine.
 const ALONG_AXIS: f64 = 0.996;
 
@@ -57,6 +59,41 @@ pub fn warnings(skill: &Skill, demonstrations: &[Demonstration]) -> Vec<String> 
         warnings.extend(ends.scatter());
     }
     warnings
+}
+
+/// Two groups of two demonstrations or more that end apart in the goal frame: which, and a sentence about it.
+/// Not where another order of quaternions explains it.
+pub(crate) fn two_ends(skill: &Skill, demonstrations: &[Demonstration]) -> Option<(Vec<bool>, String)> {
+    let ends = Ends::new(skill, demonstrations);
+    if skill.manifold.has_orientation() {
+        let reordered = all_in_another_order(skill, demonstrations).is_some()
+            || !in_another_order(skill, demonstrations, &ends).is_empty();
+        if reordered {
+            return None;
+        }
+        if let Some(found) = ends.two_orientations() {
+            return Some(found);
+        }
+    }
+    ends.two_positions()
+}
+
+/// Whether one demonstration ends where the others do, and starts so in their frames.
+pub(crate) fn ends_like_the_others(
+    skill: &Skill,
+    demonstrations: &[Demonstration],
+    index: usize,
+) -> bool {
+    let ends = Ends::new(skill, demonstrations);
+    let apart = |end: usize| {
+        let (here, middle) = (&ends.poses[end][index], &ends.poses[end][1 - index.min(1)]);
+        let others = if demonstrations.len() > 2 { &ends.poses[end][ends.middle[end]] } else { middle };
+        let rotates = skill.manifold.has_orientation();
+        let angle = if rotates { here.rotation_from(others).length() } else { 0.0 };
+        (here.position - others.position).length() > DISTANCE_FRACTION * ends.span_m
+            || angle > ANGLE_MIN_RAD
+    };
+    !(apart(1) || (skill.has_start_frame() && apart(0)))
 }
 
 /// Where quaternions may have been read in another order.
@@ -243,10 +280,9 @@ impl<'a> Ends<'a> {
     fn rotations(&self, odd: &mut [bool]) -> Vec<String> {
         let mut warnings = Vec::new();
         let turned = [self.turned(0), self.turned(1)];
-        if let Some(text) = self.two_ends(&turned[1], ANGLE_MIN_RAD, odd, |distance| {
-            format!("{:.0}°", distance.to_degrees())
-        }) {
-            return vec![text];
+        if let Some((_, told)) = self.two_orientations() {
+            odd.fill(true);
+            return vec![format!("{told}{NEITHER}")];
         }
         let outliers = [0, 1].map(|end| outliers(&turned[end], ANGLE_MIN_RAD));
         for i in 0..self.demonstrations.len() {
@@ -292,10 +328,9 @@ impl<'a> Ends<'a> {
     fn positions(&self, odd: &mut [bool]) -> Vec<String> {
         let ends: Vec<DVec3> = self.poses[1].iter().map(|pose| pose.position).collect();
         let least = DISTANCE_FRACTION * self.span_m;
-        if let Some(text) =
-            self.two_ends(&ends, least, odd, |distance| format!("{:.0} mm", 1e3 * distance))
-        {
-            return vec![text];
+        if let Some((_, told)) = self.two_positions() {
+            odd.fill(true);
+            return vec![format!("{told}{NEITHER}")];
         }
         let middle = ends[self.middle[1]];
         let apart: Vec<DVec3> = ends.iter().map(|end| end - middle).collect();
@@ -322,29 +357,38 @@ impl<'a> Ends<'a> {
         warnings
     }
 
+    fn two_orientations(&self) -> Option<(Vec<bool>, String)> {
+        let text = |distance: f64| format!("{:.0}°", distance.to_degrees());
+        self.two_ends(&self.turned(1), ANGLE_MIN_RAD, text)
+    }
+
+    fn two_positions(&self) -> Option<(Vec<bool>, String)> {
+        let ends: Vec<DVec3> = self.poses[1].iter().map(|pose| pose.position).collect();
+        let text = |distance: f64| format!("{:.0} mm", 1e3 * distance);
+        self.two_ends(&ends, DISTANCE_FRACTION * self.span_m, text)
+    }
+
     /// Two groups of two demonstrations or more that end apart.
     fn two_ends(
         &self,
         points: &[DVec3],
         least: f64,
-        odd: &mut [bool],
         text: impl Fn(f64) -> String,
-    ) -> Option<String> {
+    ) -> Option<(Vec<bool>, String)> {
         let points: Vec<Vec<f64>> = points.iter().map(|p| p.to_array().to_vec()).collect();
-        let groups = two_groups(&points)?;
+        let groups = one_group_from_the_others(&points)?;
         if groups.distance < least || groups.smaller() < 2 {
             return None;
         }
-        odd.fill(true);
         let names = |second: bool| names(self.demonstrations, &groups.second, second);
-        Some(format!(
-            "the demonstrations end in two groups in `{}`, {} apart: {} and {}; their mean is neither: are \
-             these two ways of doing it?",
+        let told = format!(
+            "the demonstrations end in two groups in `{}`, {} apart: {} and {}",
             self.frame(1),
             text(groups.distance),
             names(false),
             names(true)
-        ))
+        );
+        Some((groups.second, told))
     }
 
     /// How far all ends lie apart.

@@ -5,8 +5,8 @@ use glam::{DQuat, DVec3};
 use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
 use tprmp_spatial::Pose;
 
-use crate::alignment::consistency::names;
-use crate::alignment::groups::two_groups;
+use crate::alignment::consistency::{ends_like_the_others, names};
+use crate::alignment::groups::{Groups, one_group_from_the_others};
 use crate::alignment::rest::DemonstrationError;
 use crate::alignment::{Aligned, Prepared};
 use crate::canonical::coordinates::{CanonicalDemonstration, CanonicalSet, canonicalise};
@@ -27,6 +27,10 @@ const WORSE_STEPS: usize = 3;
 const WAYS_FRACTION: f64 = 0.04;
 /// … or this angle \[rad\] …
 const WAYS_RAD: f64 = 0.35;
+/// … and one demonstration from all others by this fraction …
+const WAYS_FRACTION_OF_ONE: f64 = 0.15;
+/// … or this angle \[rad\] …
+const WAYS_RAD_OF_ONE: f64 = 0.7;
 /// … at so many places.
 const WAYS_STEPS: usize = 4;
 
@@ -74,7 +78,7 @@ impl Agreement {
     /// Where the map of the frames loses what a frame sees: a sentence each.
     #[must_use]
     pub fn warnings(&self, skill: &Skill, demonstrations: &[Demonstration]) -> Vec<String> {
-        let span_m = largest_span_m(demonstrations);
+        let span_m = largest_span_m(demonstrations).max(skill.scale.position_span_min_m);
         let names: Vec<&str> =
             skill.named_frames(&demonstrations[0]).map(|(name, _)| name).collect();
         let mut warnings = Vec::new();
@@ -195,14 +199,26 @@ pub fn predicted(
     (0..count).map(of).collect()
 }
 
-/// The demonstrations in two groups that take other paths between common ends: which, from and to which
-/// fraction of the time, and how far apart [m or rad].
+/// Two groups of demonstrations that take other paths between common ends.
+#[derive(Clone, Debug)]
+pub struct TwoPaths {
+    /// For each demonstration, whether it is of the second group.
+    pub second: Vec<bool>,
+    /// Which, from and to which fraction of the time, and how far apart.
+    pub told: String,
+}
+
+/// The demonstrations in two groups that take other paths between common ends.
+///
+/// One demonstration against the others has to be farther from them than a group, and to end where they do:
+/// else it may be a bad one.
 #[must_use]
-pub fn two_ways(
+pub fn two_paths(
+    skill: &Skill,
     demonstrations: &[Demonstration],
     set: &CanonicalSet,
-    span_m: f64,
-) -> Option<String> {
+) -> Option<TwoPaths> {
+    let span_m = skill.scale.span / set.scales[0];
     let groups = |step: usize, block: usize| {
         let points: Vec<Vec<f64>> = set
             .demonstrations
@@ -212,12 +228,16 @@ pub fn two_ways(
                 path.points[sample(path.points.len(), step)].to_array().to_vec()
             })
             .collect();
-        two_groups(&points).filter(|groups| groups.smaller() >= 2)
+        split(&points)
     };
-    for (block, least) in [(0, WAYS_FRACTION * span_m), (1, WAYS_RAD)] {
-        let found: Vec<_> = (0..STEPS)
+    for (block, least, least_of_one) in [
+        (0, WAYS_FRACTION * span_m, WAYS_FRACTION_OF_ONE * span_m),
+        (1, WAYS_RAD, WAYS_RAD_OF_ONE),
+    ] {
+        let least = |groups: &Groups| if groups.smaller() > 1 { least } else { least_of_one };
+        let found: Vec<(usize, Groups)> = (0..STEPS)
             .filter_map(|step| Some((step, groups(step, block)?)))
-            .filter(|(_, groups)| groups.distance > least)
+            .filter(|(_, groups)| groups.distance > least(groups))
             .collect();
         let Some((_, first)) = found.first() else { continue };
         // The same groups, whichever comes first.
@@ -228,20 +248,35 @@ pub fn two_ways(
         if stable < WAYS_STEPS || stable < found.len() {
             continue;
         }
+        if first.smaller() == 1 {
+            let small = first.second.iter().filter(|is| **is).count() == 1;
+            let one = first.second.iter().position(|is| *is == small)?;
+            if !ends_like_the_others(skill, demonstrations, one) {
+                continue;
+            }
+        }
         let most = found.iter().map(|(_, groups)| groups.distance).fold(0.0, f64::max);
         let apart = if block == 0 {
             format!("{:.0} mm", 1e3 * most)
         } else {
             format!("{:.0}°", most.to_degrees())
         };
-        return Some(format!(
+        let told = format!(
             "between {:.0} and {:.0} % of the time the demonstrations take two paths, {apart} apart: {} and \
-             {}; what is learned is their mean, which nobody demonstrated: learn each from a folder of its own",
+             {}",
             percent(found[0].0),
             percent(found[found.len() - 1].0),
             names(demonstrations, &first.second, false),
             names(demonstrations, &first.second, true)
-        ));
+        );
+        return Some(TwoPaths { second: first.second.clone(), told });
     }
     None
+}
+
+/// Groups of points; two points are a group each.
+fn split(points: &[Vec<f64>]) -> Option<Groups> {
+    let [a, b] = points else { return one_group_from_the_others(points) };
+    let distance = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
+    Some(Groups { second: vec![false, true], distance })
 }

@@ -14,8 +14,8 @@ use std::sync::mpsc;
 use rayon::prelude::*;
 
 use crate::alignment::rest::DemonstrationError;
-use crate::canonical::agreement::best_aligned;
-use crate::demonstration::Demonstration;
+use crate::alignment::Aligned;
+use crate::canonical::CanonicalSet;
 use crate::mixture::tp_gmm::Samples;
 use crate::skill::Skill;
 
@@ -107,7 +107,7 @@ pub enum ChoiceError {
 /// When there is no demonstration.
 pub fn choose(
     skill: &Skill,
-    demonstrations: &[Demonstration],
+    (aligned, set): (&Aligned, &CanonicalSet),
     seed: u64,
     range: RangeInclusive<usize>,
     progress: &mut dyn FnMut(&str),
@@ -115,8 +115,7 @@ pub fn choose(
     for end in [*range.start(), *range.end()] {
         skill.clone().with_components(end).map_err(ChoiceError::Components)?;
     }
-    let (aligned, set) = best_aligned(skill, demonstrations)?;
-    let samples = Samples::new(skill, &aligned.demonstrations, &set);
+    let samples = Samples::new(skill, &aligned.demonstrations, set);
     let most = samples.components_max();
     let tried: Vec<usize> = range.clone().filter(|components| *components <= most).collect();
     let (sender, done) = mpsc::channel();

@@ -69,6 +69,31 @@ pub(super) fn demonstrations(
     canvas.figure("Demonstrations".into(), &legend, panels, None)
 }
 
+/// Demonstrations in colours of their modes, seen from a frame.
+pub(super) fn modes(planar: bool, frame: &str, modes: &[Vec<Vec<DVec3>>]) -> Figure {
+    const COLOURS: [&str; 6] = [BLUE, RED, GREEN, ORANGE, PURPLE, BLACK];
+    let stroke = |mode: usize| Stroke::solid(COLOURS[mode % COLOURS.len()], 1.4);
+    let points = modes.iter().flatten().flatten().copied().chain([DVec3::ZERO]);
+    let canvas = Canvas::new(planar, points, MARGIN);
+    let mut panels = canvas.panels(None);
+    for (panel, view) in panels.iter_mut().zip(canvas.views) {
+        let mut in_the_way: Vec<DVec2> = Vec::new();
+        for (i, mode) in modes.iter().enumerate() {
+            for path in mode {
+                panel.line(path.iter().map(|p| view.point(*p)), &stroke(i));
+                in_the_way.extend(path.iter().map(|p| view.point(*p)));
+            }
+        }
+        canvas.frame(panel, *view, &Pose::IDENTITY);
+        in_the_way.extend(canvas.axes(*view, &Pose::IDENTITY));
+        canvas.name(panel, *view, frame, &[Pose::IDENTITY], &in_the_way);
+    }
+    let names: Vec<String> = (1..=modes.len()).map(|mode| format!("mode {mode}")).collect();
+    let signs = names.iter().enumerate().map(|(i, name)| (name.as_str(), Sign::Line(stroke(i))));
+    let legend: Vec<(&str, Sign)> = signs.collect();
+    canvas.figure("Modes".into(), &legend, panels, None)
+}
+
 /// Gaussians in canonical coordinates, with the demonstrations there.
 pub(super) fn gaussians(
     planar: bool,

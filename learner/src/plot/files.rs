@@ -7,7 +7,7 @@ use tprmp_files::{Existing, make_folder};
 use tprmp_model::skill_model::{self, ModelError, SkillModel, sha256_hex};
 
 use super::figures;
-use super::gallery::{frame_of, gallery};
+use super::gallery::{frame_of, gallery, modes};
 use crate::demonstration::{self, Demonstration};
 use crate::file_error::FileError;
 use crate::mixture::components::Choice;
@@ -32,9 +32,25 @@ pub enum PlotError {
 pub fn plot(model: &Path, demonstrations: &Path, out: &Path) -> Result<Vec<PathBuf>, PlotError> {
     let file = model;
     let model = skill_model::read(file)?;
-    let demonstrations = read_demonstrations(&model, demonstrations)?;
-    let pictures = gallery(&model, &demonstrations)
-        .map_err(|error| FileError::key(file, "policy", error.to_string()))?;
+    let mut shown = Vec::new();
+    for mode in model.modes() {
+        shown.push(read_demonstrations(mode, demonstrations)?);
+    }
+    let mut pictures = Vec::new();
+    if shown.len() > 1 {
+        pictures.push(modes(&model, &shown));
+    }
+    for (i, (mode, demonstrations)) in model.modes().zip(&shown).enumerate() {
+        let mut of_mode = gallery(mode, demonstrations)
+            .map_err(|error| FileError::key(file, "policy", error.to_string()))?;
+        if i > 0 {
+            for picture in &mut of_mode {
+                picture.name = format!("mode-{}-{}", i + 1, picture.name);
+                picture.caption = format!("Mode {}. {}", i + 1, picture.caption);
+            }
+        }
+        pictures.extend(of_mode);
+    }
 
     let write = |name: &str, text: &str| {
         let path = out.join(name);
@@ -98,12 +114,19 @@ fn page_head(model: &SkillModel) -> Page {
         manifold = model.manifold,
         start = model.start_frame,
         goal = model.goal_frame,
-        count = model.provenance.demonstrations.len(),
+        count = model.modes().map(|mode| mode.provenance.demonstrations.len()).sum::<usize>(),
         components = model.gaussians.len(),
         version = model.provenance.tool_version,
         seed = model.provenance.seed,
     ));
-    let failures = &model.certificate.failures;
+    let count = model.modes().len();
+    if count > 1 {
+        page.paragraph(&format!(
+            "The demonstrations show {count} ways of doing it: the model carries a mode for each, and the \
+             controller decides on one when it starts."
+        ));
+    }
+    let failures = &model.failures();
     let holds = failures.is_empty();
     page.verdict(
         Some(holds),

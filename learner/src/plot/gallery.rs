@@ -62,6 +62,20 @@ pub fn gallery(
     Ok(gallery.pictures)
 }
 
+/// The demonstrations of all modes, seen from the goal frame.
+pub(super) fn modes(model: &SkillModel, demonstrations: &[Vec<Demonstration>]) -> Picture {
+    let paths: Vec<Vec<Vec<DVec3>>> = demonstrations
+        .iter()
+        .map(|mode| mode.iter().map(|d| from_frame(d, &d.goal_frame)).collect())
+        .collect();
+    let figure = figures::modes(model.manifold == Manifold::R2, &model.goal_frame, &paths);
+    let caption = format!(
+        "The demonstrations seen from the frame “{}”: each colour is a mode of its own.",
+        model.goal_frame
+    );
+    Picture { name: "modes".into(), svg: figure.svg(), caption }
+}
+
 /// The position parts of a model's Gaussians in canonical coordinates.
 pub fn gaussians(model: &SkillModel) -> Vec<Ellipsoid> {
     let dimension = model.manifold.position_dimension();

@@ -29,6 +29,9 @@ pub struct Skill {
     pub other_frames: Vec<String>,
     /// Folder of demonstrations, relative to the skill file.
     pub demonstrations: PathBuf,
+    /// Whether demonstrations that contradict each other are learned as ways of their own.
+    #[serde(default)]
+    pub modes: ModeSettings,
     /// Smoothing of the demonstrations.
     pub smoothing: Smoothing,
     /// Lengths in which the field is fitted.
@@ -44,6 +47,16 @@ pub struct Skill {
     pub fit: FitSettings,
     /// What the fitted policy is certified for.
     pub certification: Certification,
+}
+
+/// What becomes of demonstrations that contradict each other (see [`modes`](crate::modes)).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ModeSettings {
+    /// Each way of doing it is a mode of the model.
+    #[default]
+    Auto,
+    /// All are one: their mean is learned.
+    One,
 }
 
 /// Which policy is fitted.

@@ -47,8 +47,8 @@ pub use fit::{
     ProgramStatus,
 };
 pub use model::{
-    Adaptation, Canonical, Component, FieldModel, FrameGaussian, FrameMixture, Gaussian, Manifold,
-    PolicyModel, Pose, Provenance, Remarks, SkillModel, Source, ThesisModel, Waypoint,
+    Adaptation, Canonical, Component, FieldModel, FrameGaussian, FrameMixture, Gaussian,
+    MODE_CAPACITY, Manifold, PolicyModel, Pose, Provenance, Remarks, SkillModel, Source, ThesisModel, Waypoint,
 };
 pub use recomputed::verify;
 pub use tprmp_rmpflow::policy::FRAME_CAPACITY;

@@ -89,7 +89,61 @@ pub struct SkillModel {
     pub certificate: Certificate,
     /// Where the model comes from.
     pub provenance: Provenance,
+    /// Other ways of doing the same skill, each learned from demonstrations of its own, with a certificate of
+    /// its own: the same space, tool and frames. They have no others themselves.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub other_modes: Vec<SkillModel>,
 }
+
+/// Most modes of a skill.
+pub const MODE_CAPACITY: usize = 8;
+
+impl SkillModel {
+    /// The ways of doing the skill, at least one: itself, then its other modes.
+    pub fn modes(&self) -> impl ExactSizeIterator<Item = &Self> + Clone {
+        ModeIterator { model: self, next: 0 }
+    }
+
+    /// What its certificates do not hold for, of all modes, the mode named where there are several.
+    #[must_use]
+    pub fn failures(&self) -> Vec<String> {
+        let count = self.modes().len();
+        let of_mode = |(i, mode): (usize, &Self)| -> Vec<String> {
+            let name = |failure: &String| match count {
+                1 => failure.clone(),
+                _ => format!("mode {} of {count}: {failure}", i + 1),
+            };
+            mode.certificate.failures.iter().map(name).collect()
+        };
+        self.modes().enumerate().flat_map(of_mode).collect()
+    }
+}
+
+#[derive(Clone)]
+struct ModeIterator<'a> {
+    model: &'a SkillModel,
+    next: usize,
+}
+
+impl<'a> Iterator for ModeIterator<'a> {
+    type Item = &'a SkillModel;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let mode = match self.next {
+            0 => Some(self.model),
+            i => self.model.other_modes.get(i - 1),
+        };
+        self.next += usize::from(mode.is_some());
+        mode
+    }
+
+    fn size_hint(&self) -> (usize, Option<usize>) {
+        let left = 1 + self.model.other_modes.len() - self.next;
+        (left, Some(left))
+    }
+}
+
+impl ExactSizeIterator for ModeIterator<'_> {}
 
 /// The policy of a skill.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -8,7 +8,7 @@ use tprmp_rmpflow::policy::canonical::frame_map::PHASE_DISTANCE_MIN;
 
 use crate::skill_model::certificate::{Certificate, Rollouts};
 use crate::skill_model::model::{
-    Component, FieldModel, Gaussian, Manifold, PolicyModel, Pose, SkillModel, ThesisModel,
+    Component, FieldModel, Gaussian, MODE_CAPACITY, Manifold, PolicyModel, Pose, SkillModel, ThesisModel,
 };
 
 /// A key of the body, and what is wrong with its value.
@@ -56,7 +56,37 @@ impl SkillModel {
             PolicyModel::Thesis(policy) => self.validate_thesis(policy)?,
         }
         finite("fit.em_log_likelihood", &[self.fit.em_log_likelihood])?;
-        self.validate_certificate()
+        self.validate_certificate()?;
+        self.validate_modes()
+    }
+
+    /// Other modes obey the same rules, and are of the same skill.
+    fn validate_modes(&self) -> Result<(), Violation> {
+        let others = &self.other_modes;
+        require(others.len() < MODE_CAPACITY, "other_modes", || {
+            format!("expected at most {}, found {}", MODE_CAPACITY - 1, others.len())
+        })?;
+        let frames = |of: &Self| of.frames.iter().map(|frame| frame.name.clone()).collect::<Vec<_>>();
+        for (i, mode) in others.iter().enumerate() {
+            let key = format!("other_modes[{i}]");
+            require(mode.other_modes.is_empty(), format!("{key}.other_modes"), || {
+                "expected none, found some".into()
+            })?;
+            mode.validate().map_err(|(inner, problem)| (format!("{key}.{inner}"), problem))?;
+            for (of, expected, found) in [
+                ("skill", &self.skill, &mode.skill),
+                ("tool_frame", &self.tool_frame, &mode.tool_frame),
+                ("start_frame", &self.start_frame, &mode.start_frame),
+                ("goal_frame", &self.goal_frame, &mode.goal_frame),
+                ("manifold", &self.manifold.to_string(), &mode.manifold.to_string()),
+                ("frames", &frames(self).join(", "), &frames(mode).join(", ")),
+            ] {
+                require(expected == found, format!("{key}.{of}"), || {
+                    format!("expected `{expected}` as in the first mode, found `{found}`")
+                })?;
+            }
+        }
+        Ok(())
     }
 
     /// Where a certificate holds its figures are numbers, and those of what it claims.

@@ -3,7 +3,7 @@
 use nalgebra::Vector6;
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
-use crate::policy::canonical::policy::CanonicalPolicy;
+use crate::policy::canonical::policy::{CanonicalPolicy, PositionField};
 use crate::policy::thesis::{ThesisPolicy, ThesisState};
 use crate::policy::value::{Phase, SkillInertia, SkillValue};
 
@@ -152,6 +152,35 @@ impl SkillPolicy {
             Self::Space(skill) => skill.evaluate(inertia, frames, pose, velocity, &mut state.space),
             Self::Pose(skill) => skill.evaluate(inertia, frames, pose, velocity, &mut state.pose),
         }
+    }
+
+    /// Which coordinates of the tool it moves, displacement before rotation: 1, or 0.
+    #[must_use]
+    pub fn moved(&self) -> Vector6<f64> {
+        let planar = match self {
+            Self::Canonical(skill) => matches!(skill.position, PositionField::Plane(_)),
+            Self::Plane(_) => true,
+            Self::Space(_) | Self::Pose(_) => false,
+        };
+        let (height, rotation) = (f64::from(!planar), f64::from(self.has_orientation()));
+        Vector6::new(1.0, 1.0, height, rotation, rotation, rotation)
+    }
+
+    /// A place of the skill's path for these frames, in the world: of fields the valley at a phase, of products
+    /// the mean of a component. Not finite for fewer frames than the policy has.
+    ///
+    /// * `fraction`  0 at the start of the path, 1 at its end
+    ///
+    /// No allocation.
+    #[must_use]
+    pub fn on_path(&self, frames: &[MovingPose], fraction: f64, state: &mut PolicyState) -> Pose {
+        match self {
+            Self::Canonical(skill) => skill.on_path(frames, fraction),
+            Self::Plane(skill) => skill.on_path(frames, fraction, &mut state.plane),
+            Self::Space(skill) => skill.on_path(frames, fraction, &mut state.space),
+            Self::Pose(skill) => skill.on_path(frames, fraction, &mut state.pose),
+        }
+        .unwrap_or(Pose::UNDEFINED)
     }
 
     /// The goal for these frames, in the world; not finite for fewer frames than the policy has.

@@ -20,7 +20,7 @@ use tprmp_spatial::{MovingPose, Pose, Twist, Wrench};
 
 use crate::natural::Natural;
 use crate::policy::canonical::field::Field;
-use crate::policy::canonical::frame_map::{FrameMap, FrameTransforms, Mapped};
+use crate::policy::canonical::frame_map::{Canonical, FrameMap, FrameTransforms, Mapped};
 use crate::policy::value::{Phase, PhaseResponse, SkillInertia, SkillValue};
 
 /// Phases that are compared to find the one to start with.
@@ -246,6 +246,26 @@ impl CanonicalPolicy {
             }
         }
         Phase { value: 0.5 * (low + high), rate_1_s: 0.0 }
+    }
+
+    /// The valley at a phase, for these frames, in the world; `None` for too few of them, and where there is no
+    /// valley. No allocation.
+    #[must_use]
+    pub fn on_path(&self, frames: &[MovingPose], phase: f64) -> Option<Pose> {
+        fn valley<const N: usize>(field: &Field<N>, phase: f64) -> Option<DVec3> {
+            let y = field.valley(phase)?.point;
+            Some(DVec3::new(y[0], y[1], if N > 3 { y[2] } else { 0.0 }))
+        }
+        let transforms = self.transforms(frames)?;
+        let position = match &self.position {
+            PositionField::Plane(field) => valley(field, phase),
+            PositionField::Space(field) => valley(field, phase),
+        }?;
+        let rotation = match &self.orientation {
+            Some(field) => valley(field, phase)?,
+            None => DVec3::ZERO,
+        };
+        Some(self.map.forward(&transforms, phase, &Canonical { position, rotation }))
     }
 
     fn distance(

@@ -214,6 +214,29 @@ impl<const D: usize> ThesisPolicy<D> {
         self.huber_threshold
     }
 
+    /// The mean of the component at a fraction of their order, for these frames, in the world; `None` where there
+    /// is no field. No allocation.
+    #[must_use]
+    pub fn on_path(
+        &self,
+        frames: &[MovingPose],
+        fraction: f64,
+        state: &mut ThesisState<D>,
+    ) -> Option<Pose> {
+        self.update(frames, state);
+        let last = self.components.len() - 1;
+        let index = (fraction * last as f64).round() as usize;
+        let (mean, _) = state.field()?.components().nth(index.min(last))?;
+        let goal = state.goal();
+        let vector = |first: usize| DVec3::from_array(from_fn(|i| mean.get(first + i).copied().unwrap_or(0.0)));
+        let height = if D > 2 { vector(0).z } else { goal.position.z };
+        let orientation = match D {
+            6 => goal.orientation * glam::DQuat::from_scaled_axis(vector(3)),
+            _ => goal.orientation,
+        };
+        Some(Pose { position: vector(0).with_z(height), orientation })
+    }
+
     /// How many frames it is seen from.
     #[must_use]
     pub fn frame_count(&self) -> usize {
