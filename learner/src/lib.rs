@@ -33,6 +33,7 @@ pub mod certify;
 pub mod demonstration;
 pub mod file_error;
 pub mod fit;
+pub mod gripper_events;
 pub mod import;
 pub mod mixture;
 pub mod plot;

@@ -43,6 +43,7 @@ pub fn trained(trained: &Trained) -> String {
     );
     fit(&mut text, &model.fit);
     agreement(&mut text, model);
+    gripper(&mut text, model);
     certificate(&mut text, &model.certificate);
     let times: Vec<_> = trained
         .times
@@ -100,6 +101,7 @@ pub fn inspected(model: &SkillModel) -> String {
     text.push('\n');
     fit(&mut text, &model.fit);
     agreement(&mut text, model);
+    gripper(&mut text, model);
     certificate(&mut text, &model.certificate);
     text.push('\n');
     let provenance = &model.provenance;
@@ -321,6 +323,13 @@ fn agreement(text: &mut String, model: &SkillModel) {
         row(text, &format!("  seen from `{}`", frame.name), &frame.agreement, &note);
     }
     row(text, "  in the map of all frames", &model.fit.agreement, "");
+}
+
+/// What the gripper does, in order.
+fn gripper(text: &mut String, model: &SkillModel) {
+    for event in &model.gripper {
+        say!(text, "{}", event.described(model.provenance.demonstrations.len()));
+    }
 }
 
 fn program_fit(text: &mut String, fit: &ProgramFit) {

@@ -12,7 +12,7 @@ use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
 use crate::alignment::rest::DemonstrationError;
 use crate::alignment::{Aligned, Alignment, consistency};
 use crate::canonical::agreement::{Agreement, best_aligned, two_ways};
-use crate::canonical::{CanonicalSet, canonicalise};
+use crate::canonical::{CanonicalSet, PhaseProfile, canonicalise};
 use crate::certify::Certifier;
 use crate::certify::policy::LearnedPolicy;
 use crate::demonstration::plausibility::with_others;
@@ -20,6 +20,7 @@ use crate::demonstration::{Demonstration, mean_duration_s, plausibility, read_fo
 use crate::file_error::FileError;
 use crate::fit::thesis::ThesisFit;
 use crate::fit::{self, FitError, Reason};
+use crate::gripper_events;
 use crate::mixture::MixtureError;
 use crate::mixture::components::{Choice, ChoiceError, Components, choose};
 use crate::mixture::tp_gmm::{Samples, TpGmm, uninformative_frames};
@@ -216,8 +217,12 @@ pub fn learn(
         certifier.certify(&model.fit.demonstrations, faults as u32, seed, &mut progress);
     clock.done(Step::Certificate);
 
+    let profile = PhaseProfile::of(&skill.fit, mean_duration_s(demonstrations));
+    let gripper = gripper_events::find(recorded, alignments, &profile);
+    model.gripper = gripper.events;
     let span_m = skill.scale.span / set.scales[0];
     let mut warnings = plausibility::warnings(recorded);
+    warnings.extend(gripper.warnings);
     warnings.extend(consistency::warnings(skill, recorded));
     warnings.extend(alignment_warnings(skill, alignments, recorded));
     warnings.extend(uninformative_frames(skill, demonstrations));
@@ -289,6 +294,7 @@ impl FittedPolicy {
             gaussians: mixture.stored_canonical(skill, self.set.scales),
             frames: self.frames.clone(),
             policy: self.policy.clone(),
+            gripper: Vec::new(),
             fit: Fit {
                 em_iterations: mixture.log_likelihoods.len() as u32,
                 em_log_likelihood: mixture.log_likelihoods[mixture.log_likelihoods.len() - 1],

@@ -101,6 +101,7 @@ fn model() -> SkillModel {
             }],
             adaptation: None,
         },
+        gripper: Vec::new(),
         gaussians: vec![Gaussian {
             prior: 1.0,
             phase: 0.5,

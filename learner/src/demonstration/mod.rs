@@ -1,8 +1,9 @@
-//! Demonstrations: their files, and numbers in them that are hardly meant.
+//! Demonstrations: their files, what the gripper does in them, and numbers in them that are hardly meant.
 
 pub(crate) mod at_most;
 mod bounds;
 mod file;
+mod gripper;
 pub mod plausibility;
 
 pub use bounds::diagonal;
@@ -12,3 +13,5 @@ pub use file::{
     SAMPLING_TIME_MIN_S, SCHEMA, columns, frame, mean_duration_s, other_frames, read, read_folder,
     to_text,
 };
+pub(crate) use gripper::check_width;
+pub use gripper::{Grip, Gripper, WIDTH_MAX_M};

@@ -31,6 +31,7 @@ mod evaluated;
 mod field;
 mod file;
 mod fit;
+mod gripper;
 mod interval;
 mod model;
 mod recomputed;
@@ -46,6 +47,7 @@ pub use fit::{
     ActiveConstraints, Constraints, DemonstrationRollout, Figure, Fit, Program, ProgramFit,
     ProgramStatus,
 };
+pub use gripper::{GripperAction, GripperEvent};
 pub use model::{
     Adaptation, Canonical, Component, FieldModel, FrameGaussian, FrameMixture, Gaussian, Manifold,
     PolicyModel, Pose, Provenance, Remarks, SkillModel, Source, ThesisModel, Waypoint,
@@ -53,3 +55,4 @@ pub use model::{
 pub use recomputed::verify;
 pub use tprmp_rmpflow::policy::FRAME_CAPACITY;
 pub use tprmp_rmpflow::policy::canonical::adaptation::{COORDINATES, SPLINES};
+pub use validate::GRIPPER_EVENTS_MAX;
