@@ -7,9 +7,9 @@ use proptest::prelude::*;
 use tprmp_model::skill_model::{
     ActiveConstraints, Adaptation, BlockCertificate, COORDINATES, Canonical, Certificate,
     Component, Constraints, DemonstrationRollout, FieldModel, Figure, Fit, FrameGaussian,
-    FrameMixture, Gaussian, Manifold, ModelError, PolicyModel, Pose, Program, ProgramFit,
-    ProgramStatus, Provenance, Remarks, Rollouts, SPLINES, SkillModel, Source, ThesisModel,
-    ValleyCertificate, Waypoint, read, to_text, write,
+    FrameMixture, GRIPPER_EVENTS_MAX, Gaussian, GripperAction, GripperEvent, Manifold, ModelError,
+    PolicyModel, Pose, Program, ProgramFit, ProgramStatus, Provenance, Remarks, Rollouts, SPLINES,
+    SkillModel, Source, ThesisModel, ValleyCertificate, Waypoint, read, to_text, write,
 };
 
 /// A folder of this test alone, removed at its end.
@@ -413,6 +413,39 @@ fn frames_are_checked() {
     single.start_frame = "end".into();
     single.frames.remove(0);
     write(&single, &folder.file()).unwrap();
+}
+
+#[test]
+fn events_of_the_gripper_are_stored_and_checked() {
+    let folder = Folder::new("gripper");
+    assert!(!to_text(&model()).contains("gripper"), "a model without events has no such key");
+    let event = |phase, action| GripperEvent {
+        phase,
+        time_fraction: 0.4,
+        action,
+        spread: 0.02,
+        demonstrations: 1,
+    };
+    let mut good = model();
+    good.gripper =
+        vec![event(0.25, GripperAction::Closes), event(1.0, GripperAction::WidthM(0.04))];
+    write(&good, &folder.file()).unwrap();
+    assert_eq!(read(&folder.file()).unwrap(), good);
+    let invalid = |edit: fn(&mut Vec<GripperEvent>)| {
+        folder.invalid(|m| {
+            m.gripper.clone_from(&good.gripper);
+            edit(&mut m.gripper);
+        })
+    };
+    assert_eq!(invalid(|g| g.swap(0, 1)).0, "gripper[1].phase");
+    assert_eq!(invalid(|g| g[0].phase = f64::NAN).0, "gripper[0].phase");
+    assert_eq!(invalid(|g| g[1].phase = 1.5).0, "gripper[1].phase");
+    assert_eq!(invalid(|g| g[0].spread = -0.1).0, "gripper[0].spread");
+    assert_eq!(invalid(|g| g[0].time_fraction = f64::INFINITY).0, "gripper[0].time_fraction");
+    assert_eq!(invalid(|g| g[0].demonstrations = 0).0, "gripper[0].demonstrations");
+    assert_eq!(invalid(|g| g[0].demonstrations = 99).0, "gripper[0].demonstrations");
+    assert_eq!(invalid(|g| g[1].action = GripperAction::WidthM(-0.1)).0, "gripper[1].action");
+    assert_eq!(invalid(|g| *g = vec![g[0]; GRIPPER_EVENTS_MAX + 1]).0, "gripper");
 }
 
 #[test]
