@@ -307,20 +307,13 @@ fn agreement(text: &mut String, model: &SkillModel) {
         let values: String = places.iter().map(|i| format!("{:>9.1}", 1e3 * all[*i][0])).collect();
         say!(text, "{name:<35}{values}  {note}");
     };
-    let canonical = &model.canonical;
     for frame in &model.frames {
-        let waypoint = canonical.waypoints.iter().find(|waypoint| waypoint.frame == frame.name);
-        let note = match (frame.agreement_fraction, waypoint) {
-            (Some(fraction), Some(waypoint)) => {
-                format!("acts at phase {:.2} (fraction {fraction:.2})", waypoint.phase)
-            }
-            (Some(fraction), None) => format!("left out (fraction {fraction:.2})"),
-            (None, _) if frame.name == model.goal_frame => {
-                format!("rules from phase {:.2}", canonical.goal_phase)
-            }
-            (None, _) => format!("rules to phase {:.2}", canonical.start_phase),
-        };
-        row(text, &format!("  seen from `{}`", frame.name), &frame.agreement, &note);
+        row(
+            text,
+            &format!("  seen from `{}`", frame.name),
+            &frame.agreement,
+            &model.frame_role(frame),
+        );
     }
     row(text, "  in the map of all frames", &model.fit.agreement, "");
 }

@@ -31,6 +31,7 @@ mod evaluated;
 mod field;
 mod file;
 mod fit;
+mod frame_roles;
 mod gripper;
 mod interval;
 mod model;
@@ -47,6 +48,7 @@ pub use fit::{
     ActiveConstraints, Constraints, DemonstrationRollout, Figure, Fit, Program, ProgramFit,
     ProgramStatus,
 };
+pub use frame_roles::lost_agreement;
 pub use gripper::{GripperAction, GripperEvent};
 pub use model::{
     Adaptation, Canonical, Component, FieldModel, FrameGaussian, FrameMixture, Gaussian, Manifold,
