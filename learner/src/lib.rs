@@ -37,6 +37,7 @@ pub mod gripper_events;
 pub mod import;
 pub mod mixture;
 pub mod plot;
+pub mod proposed_frames;
 pub mod record;
 pub mod report;
 pub mod skill;

@@ -16,7 +16,9 @@ use crate::canonical::{CanonicalSet, PhaseProfile, canonicalise};
 use crate::certify::Certifier;
 use crate::certify::policy::LearnedPolicy;
 use crate::demonstration::plausibility::with_others;
-use crate::demonstration::{Demonstration, mean_duration_s, plausibility, read_folder};
+use crate::demonstration::{
+    Demonstration, mean_duration_s, plausibility, read_folder, read_folder_with_all_frames,
+};
 use crate::file_error::FileError;
 use crate::fit::thesis::ThesisFit;
 use crate::fit::{self, FitError, Reason};
@@ -24,6 +26,7 @@ use crate::gripper_events;
 use crate::mixture::MixtureError;
 use crate::mixture::components::{Choice, ChoiceError, Components, choose};
 use crate::mixture::tp_gmm::{Samples, TpGmm, uninformative_frames};
+use crate::proposed_frames;
 use crate::skill::{FitSettings, Skill};
 
 /// A demonstration is warned of when it is left by more than this fraction of the skill's span.
@@ -145,29 +148,45 @@ pub fn train(
         );
         return Err(FileError::key(skill_file, "demonstrations", problem).into());
     }
-    let demonstrations = read_folder(
-        &folder,
-        &skill.skill,
-        skill.manifold,
-        &skill.start_frame,
-        &skill.goal_frame,
-        &skill.other_frames,
-    )?;
+    let (name, start, goal) = (&skill.skill, &skill.start_frame, &skill.goal_frame);
+    if skill.proposes_frames {
+        let all = read_folder_with_all_frames(&folder, name, skill.manifold, start, goal)?;
+        let proposal = proposed_frames::propose(&skill, &all)?;
+        let origin = proposal.origin();
+        let mut trained = train_from(&proposal.skill, &all, components, seed, progress)?;
+        let parameters = &mut trained.model.provenance.hyper_parameters;
+        parameters.push(("other_frames_origin".into(), origin));
+        trained.warnings.extend(proposal.warnings);
+        return Ok(trained);
+    }
+    let others = &skill.other_frames;
+    let demonstrations = read_folder(&folder, name, skill.manifold, start, goal, others)?;
+    train_from(&skill, &demonstrations, components, seed, progress)
+}
+
+/// Trains a skill from its demonstrations.
+fn train_from(
+    skill: &Skill,
+    demonstrations: &[Demonstration],
+    components: Components,
+    seed: u64,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Trained, TrainError> {
     let started = Instant::now();
     let Some(origin) = components.origin() else {
-        return learn(&skill, &demonstrations, seed, progress);
+        return learn(skill, demonstrations, seed, progress);
     };
     let (count, choice) = match components {
         Components::SkillFile => (skill.mixture.components, None),
         Components::Count(count) => (count, None),
         Components::Auto { least, most } => {
-            let choice = choose(&skill, &demonstrations, seed, least..=most, progress)?;
+            let choice = choose(skill, demonstrations, seed, least..=most, progress)?;
             (choice.components, Some(choice))
         }
     };
     let chosen = started.elapsed();
-    let skill = skill.with_components(count).map_err(ChoiceError::Components)?;
-    let mut trained = learn(&skill, &demonstrations, seed, progress)?;
+    let skill = skill.clone().with_components(count).map_err(ChoiceError::Components)?;
+    let mut trained = learn(&skill, demonstrations, seed, progress)?;
     trained.model.provenance.hyper_parameters.push(("mixture.components_origin".into(), origin));
     if let Some(choice) = choice {
         trained.times.insert(0, (Step::Choice, chosen));
@@ -403,17 +422,7 @@ fn left_out_frames(
     named
         .filter(|(index, _)| !acts(*index))
         .map(|(index, (name, _))| {
-            let most = skill.frame_map.agreement_fraction_max;
-            let why = match set.fractions.get(index).copied().flatten() {
-                Some(fraction) if fraction <= most => {
-                    "another frame acts at the same time".to_owned()
-                }
-                Some(fraction) => format!(
-                    "seen from it the demonstrations lie at best {fraction:.2} as far apart as seen from start \
-                     or goal frame, and `frame_map.agreement_fraction_max` is {most}"
-                ),
-                None => "it acts at no phase between start and goal".to_owned(),
-            };
+            let why = proposed_frames::why_left_out(skill, set, index);
             format!("the frame `{name}` is left out of the path: {why}")
         })
         .collect()

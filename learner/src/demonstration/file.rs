@@ -142,6 +142,38 @@ pub fn read_folder(
     goal_frame: &str,
     other_frames: &[String],
 ) -> Result<Vec<Demonstration>, FileError> {
+    let demonstrations =
+        read_folder_with_all_frames(folder, skill, manifold, start_frame, goal_frame)?;
+    for demonstration in &demonstrations {
+        let file = folder.join(&demonstration.name);
+        let found = &demonstration.other_frames;
+        if let Some(name) = other_frames.iter().find(|name| !found.contains_key(*name)) {
+            let problem = "expected this frame, which the skill file names in `other_frames`";
+            return Err(FileError::key(&file, format!("frames.{name}"), problem));
+        }
+        if let Some(name) = found.keys().find(|name| !other_frames.contains(name)) {
+            let problem = format!(
+                "unknown frame; expected `{start_frame}`, `{goal_frame}`{}; the skill file may \
+                 name further ones in `other_frames`, or say `Auto` there",
+                other_frames.iter().map(|name| format!(", `{name}`")).collect::<String>()
+            );
+            return Err(FileError::key(&file, format!("frames.{name}"), problem));
+        }
+    }
+    Ok(demonstrations)
+}
+
+/// As [`read_folder`], with whatever further frames each file holds.
+///
+/// # Errors
+/// As [`read_folder`], but for the frames.
+pub fn read_folder_with_all_frames(
+    folder: &Path,
+    skill: &str,
+    manifold: Manifold,
+    start_frame: &str,
+    goal_frame: &str,
+) -> Result<Vec<Demonstration>, FileError> {
     let unreadable = |source| FileError::Read { path: folder.into(), source };
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
@@ -175,19 +207,6 @@ pub fn read_folder(
         if demonstration.manifold != manifold {
             let problem = format!("expected `{manifold}`, found `{}`", demonstration.manifold);
             return Err(FileError::key(&file, "manifold", problem));
-        }
-        let found = &demonstration.other_frames;
-        if let Some(name) = other_frames.iter().find(|name| !found.contains_key(*name)) {
-            let problem = "expected this frame, which the skill file names in `other_frames`";
-            return Err(FileError::key(&file, format!("frames.{name}"), problem));
-        }
-        if let Some(name) = found.keys().find(|name| !other_frames.contains(name)) {
-            let problem = format!(
-                "unknown frame; expected `{start_frame}`, `{goal_frame}`{}; the skill file may \
-                 name further ones in `other_frames`",
-                other_frames.iter().map(|name| format!(", `{name}`")).collect::<String>()
-            );
-            return Err(FileError::key(&file, format!("frames.{name}"), problem));
         }
         demonstrations.push(demonstration);
     }

@@ -37,6 +37,11 @@ const SILENCE: Duration = Duration::from_secs(2);
 pub fn record(options: &Options) -> Result<(), RecordError> {
     let config = controller_config::read(&options.config)?;
     let skill = Skill::read(&options.skill)?;
+    if skill.proposes_frames {
+        let problem = "expected the names of the frames to record, found `Auto`: list them, and put `Auto` back to \
+                       learn";
+        return Err(FileError::key(&options.skill, "other_frames", problem).into());
+    }
     if skill.tool_frame != config.robot.tool_link {
         let problem = format!(
             "expected the tool link of `{}`, `{}`, found `{}`",
