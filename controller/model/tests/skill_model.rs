@@ -416,6 +416,36 @@ fn frames_are_checked() {
 }
 
 #[test]
+fn which_frame_speaks_when_is_said_and_what_the_skill_file_named_in_vain() {
+    let mut model = model();
+    assert_eq!(model.fewer_frames(), None);
+    let roles = |model: &SkillModel| -> Vec<String> {
+        model.frames.iter().map(|frame| model.frame_role(frame)).collect()
+    };
+    model.frames[2].agreement_fraction = Some(0.25);
+    let passed = "acts at phase 0.40 (fraction 0.25)";
+    assert_eq!(roles(&model), ["rules to phase 0.10", "rules from phase 1.00", passed]);
+    assert!(!model.is_left_out(&model.frames[2]));
+    let names = ("other_frames".to_owned(), r#"["way","lid"]"#.to_owned());
+    model.provenance.hyper_parameters.push(names);
+    assert_eq!(model.named_but_unused(), ["lid"]);
+    model.canonical.waypoints.clear();
+    assert_eq!(roles(&model)[2], "left out (fraction 0.25)");
+    assert!(model.is_left_out(&model.frames[2]));
+    let said = model.fewer_frames().unwrap();
+    assert!(said.contains("`line`") && said.ends_with("without `way`, `lid`"), "{said}");
+    // In the map the demonstrations lie apart where the goal frame sees them agree.
+    let apart = |m: f64| vec![[m, 0.0]; 9];
+    assert!(model.lost_agreement().is_empty());
+    model.fit.agreement = apart(0.1);
+    for (frame, m) in model.frames.iter_mut().zip([0.09, 0.01, 0.3]) {
+        frame.agreement = apart(m);
+    }
+    let lost = model.lost_agreement();
+    assert!(lost.len() == 1 && lost[0].contains("seen from `end`"), "{lost:?}");
+}
+
+#[test]
 fn events_of_the_gripper_are_stored_and_checked() {
     let folder = Folder::new("gripper");
     assert!(!to_text(&model()).contains("gripper"), "a model without events has no such key");

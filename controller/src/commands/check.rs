@@ -50,6 +50,9 @@ fn describe_model(path: &Path, model: &SkillModel) {
             &format!("{failure}: it is run with --allow-uncertified only"),
         ),
     }
+    if let Some(text) = model.fewer_frames() {
+        line("lack", "frames", &text);
+    }
     for (verdict, text) in frame_lines(model) {
         line(verdict, "frame", &text);
     }

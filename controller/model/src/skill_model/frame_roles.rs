@@ -37,6 +37,34 @@ impl SkillModel {
         has_path && !passes && !ends.contains(&&frame.name)
     }
 
+    /// Frames that the skill file named beside start and goal, as the provenance has them, and that are not given to
+    /// who evaluates the model, or act nowhere.
+    #[must_use]
+    pub fn named_but_unused(&self) -> Vec<String> {
+        let values = &self.provenance.hyper_parameters;
+        let named = values.iter().find(|(key, _)| key == "other_frames");
+        // A list of texts is the same in JSON and in RON; models of before may have none.
+        let named = named.and_then(|(_, value)| ron::from_str::<Vec<String>>(value).ok());
+        let acts = |name: &String| {
+            self.frames.iter().any(|frame| frame.name == *name && !self.is_left_out(frame))
+        };
+        named.unwrap_or_default().into_iter().filter(|name| !acts(name)).collect()
+    }
+
+    /// [`Self::named_but_unused`] in a line; `None` when all are given.
+    #[must_use]
+    pub fn fewer_frames(&self) -> Option<String> {
+        let unused = self.named_but_unused();
+        let names: Vec<String> = unused.iter().map(|name| format!("`{name}`")).collect();
+        (!names.is_empty()).then(|| {
+            format!(
+                "skill `{}`: the controller is given fewer frames than the skill file names: without {}",
+                self.skill,
+                names.join(", ")
+            )
+        })
+    }
+
     /// Frames from which the demonstrations agree much better than in the map of all frames: the goal frame of
     /// such a skill takes over too late, for example. See [`lost_agreement`]; the skill's span is that of
     /// its Gaussians.
