@@ -341,7 +341,8 @@ fn growth(report: &mut Report<'_>) {
     let q = SVector::from(POSITION);
     let frames = both(pick_frames, 0.001);
     let config = &loaded.config;
-    let policy = |skill: SkillPolicy| RobotPolicy::new(chain.clone(), vec![vec![skill]], &points, config);
+    let policy =
+        |skill: SkillPolicy| RobotPolicy::new(chain.clone(), vec![vec![skill]], &points, config);
     let default = |count: usize| {
         let model = with_components(&loaded.skills[0].model, count);
         let policy = policy(model.policy().expect("what was a skill is one"));

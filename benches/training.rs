@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use tprmp_bench::results::{self, Verdict};
 use tprmp_learner::demonstration::{Demonstration, read_folder};
 use tprmp_learner::mixture::components::choose;
+use tprmp_learner::modes::Mode;
 use tprmp_learner::skill::Skill;
 use tprmp_learner::train::{Step, learn};
 
@@ -83,7 +84,8 @@ fn measure(
             .filter(|(step, _)| ![Step::DemonstratedStarts, Step::Certificate].contains(step));
         fits.push(fitting.map(|(_, time)| *time).sum());
         let since = Instant::now();
-        choose(&skill, &demonstrations, SEED, 2..=20, &mut |_| {})
+        let mode = Mode::of_all(&skill, &demonstrations).expect("they can be aligned");
+        choose(&skill, (&mode.aligned, &mode.set), SEED, 2..=20, &mut |_| {})
             .expect("some number can be learned");
         choices.push(since.elapsed());
     }

@@ -8,8 +8,8 @@ use nalgebra::SVector;
 use tprmp_model::controller_config::{ControllerConfig, ExemptObstacle, Exemption};
 use tprmp_rmpflow::leaves::{Body, Obstacle, Part, Shape};
 use tprmp_robot::{
-    CONTROL_POINT_CAPACITY, Chain, ControlPoint, ControlPoints, Kinematics, SelfPairs, point_motion,
-    point_position,
+    CONTROL_POINT_CAPACITY, Chain, ControlPoint, ControlPoints, Kinematics, SelfPairs,
+    point_motion, point_position,
 };
 use tprmp_spatial::{PointMotion, Pose};
 

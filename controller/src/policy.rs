@@ -11,9 +11,7 @@ use tprmp_rmpflow::leaves::{
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::policy::{SkillPolicy, SpeedGovernor};
 use tprmp_rmpflow::tree::{Resolved, Tree, TreeState};
-use tprmp_robot::{
-    Chain, ControlPoints, Kinematics, SelfPairs, forward_kinematics_with_velocity,
-};
+use tprmp_robot::{Chain, ControlPoints, Kinematics, SelfPairs, forward_kinematics_with_velocity};
 use tprmp_spatial::{MovingPose, PointMotion, Pose, Twist};
 
 use crate::arm::{Arm, PointPlaces, part_pairs};

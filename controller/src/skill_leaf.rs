@@ -137,11 +137,7 @@ impl SkillLeaf {
     /// # Panics
     /// When there is none, or there are more than [`MODE_CAPACITY`].
     #[must_use]
-    pub fn new(
-        modes: Vec<SkillPolicy>,
-        first_frame: usize,
-        settings: &Settings,
-    ) -> Self {
+    pub fn new(modes: Vec<SkillPolicy>, first_frame: usize, settings: &Settings) -> Self {
         assert!((1..=MODE_CAPACITY).contains(&modes.len()), "1 to {MODE_CAPACITY} modes");
         let frames = modes.iter().map(SkillPolicy::frame_count).max().unwrap_or(0);
         Self {
@@ -225,8 +221,7 @@ impl SkillLeaf {
             }
         }
         let goal = path[PLACES - 1];
-        let mut prospect =
-            Prospect { distance_m, beside: [0.0; 2], clearance_m: f64::INFINITY };
+        let mut prospect = Prospect { distance_m, beside: [0.0; 2], clearance_m: f64::INFINITY };
         let mut q = *q;
         for (i, place) in path.iter().enumerate().skip(nearest) {
             let steps = STEPS[usize::from(i > nearest)];

@@ -178,10 +178,12 @@ impl SharedStatus {
 
     /// Stores in which mode the task's skill is done. No lock, no allocation.
     pub fn write_choice(&self, choice: Option<&Choice>) {
-        let Some(Choice { mode, modes, prospect }) = choice.filter(|choice| choice.modes > 1) else {
+        let Some(Choice { mode, modes, prospect }) = choice.filter(|choice| choice.modes > 1)
+        else {
             return;
         };
-        let SharedChoice { mode: number, modes: count, prospect: verdict, distance_mm } = &self.choice;
+        let SharedChoice { mode: number, modes: count, prospect: verdict, distance_mm } =
+            &self.choice;
         let bits = u32::from(prospect.is_reachable()) + 2 * u32::from(prospect.is_free());
         distance_mm.store((1e3 * prospect.distance_m) as u32, Ordering::Relaxed);
         verdict.store(bits, Ordering::Relaxed);

@@ -45,6 +45,7 @@ pub fn trained(trained: &Trained) -> String {
         mode_line(&mut text, model, i);
         fit(&mut text, &mode.fit);
         agreement(&mut text, mode);
+        gripper(&mut text, mode);
         certificate(&mut text, &mode.certificate);
     }
     let times: Vec<_> = trained
@@ -130,6 +131,7 @@ fn inspected_mode(text: &mut String, model: &SkillModel) {
     text.push('\n');
     fit(text, &model.fit);
     agreement(text, model);
+    gripper(text, model);
     certificate(text, &model.certificate);
     text.push('\n');
     let provenance = &model.provenance;
@@ -330,22 +332,22 @@ fn agreement(text: &mut String, model: &SkillModel) {
         let values: String = places.iter().map(|i| format!("{:>9.1}", 1e3 * all[*i][0])).collect();
         say!(text, "{name:<35}{values}  {note}");
     };
-    let canonical = &model.canonical;
     for frame in &model.frames {
-        let waypoint = canonical.waypoints.iter().find(|waypoint| waypoint.frame == frame.name);
-        let note = match (frame.agreement_fraction, waypoint) {
-            (Some(fraction), Some(waypoint)) => {
-                format!("acts at phase {:.2} (fraction {fraction:.2})", waypoint.phase)
-            }
-            (Some(fraction), None) => format!("left out (fraction {fraction:.2})"),
-            (None, _) if frame.name == model.goal_frame => {
-                format!("rules from phase {:.2}", canonical.goal_phase)
-            }
-            (None, _) => format!("rules to phase {:.2}", canonical.start_phase),
-        };
-        row(text, &format!("  seen from `{}`", frame.name), &frame.agreement, &note);
+        row(
+            text,
+            &format!("  seen from `{}`", frame.name),
+            &frame.agreement,
+            &model.frame_role(frame),
+        );
     }
     row(text, "  in the map of all frames", &model.fit.agreement, "");
+}
+
+/// What the gripper does, in order.
+fn gripper(text: &mut String, model: &SkillModel) {
+    for event in &model.gripper {
+        say!(text, "{}", event.described(model.provenance.demonstrations.len()));
+    }
 }
 
 fn program_fit(text: &mut String, fit: &ProgramFit) {

@@ -12,18 +12,22 @@ use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
 use crate::alignment::rest::DemonstrationError;
 use crate::alignment::{Aligned, Alignment, consistency};
 use crate::canonical::agreement::{Agreement, two_paths};
-use crate::canonical::{CanonicalSet, canonicalise};
+use crate::canonical::{CanonicalSet, PhaseProfile, canonicalise};
 use crate::certify::Certifier;
 use crate::certify::policy::LearnedPolicy;
 use crate::demonstration::plausibility::with_others;
-use crate::demonstration::{Demonstration, mean_duration_s, plausibility, read_folder};
+use crate::demonstration::{
+    Demonstration, mean_duration_s, plausibility, read_folder, read_folder_with_all_frames,
+};
 use crate::file_error::FileError;
 use crate::fit::thesis::ThesisFit;
 use crate::fit::{self, FitError, Reason};
+use crate::gripper_events;
 use crate::mixture::MixtureError;
 use crate::mixture::components::{Choice, ChoiceError, Components, choose};
-use crate::modes::{self, Mode, Modes};
 use crate::mixture::tp_gmm::{Samples, TpGmm, uninformative_frames};
+use crate::modes::{self, Mode, Modes};
+use crate::proposed_frames;
 use crate::skill::{FitSettings, Skill};
 
 /// A demonstration is warned of when it is left by more than this fraction of the skill's span.
@@ -145,42 +149,57 @@ pub fn train(
         );
         return Err(FileError::key(skill_file, "demonstrations", problem).into());
     }
-    let demonstrations = read_folder(
-        &folder,
-        &skill.skill,
-        skill.manifold,
-        &skill.start_frame,
-        &skill.goal_frame,
-        &skill.other_frames,
-    )?;
+    let (name, start, goal) = (&skill.skill, &skill.start_frame, &skill.goal_frame);
+    if skill.proposes_frames {
+        let all = read_folder_with_all_frames(&folder, name, skill.manifold, start, goal)?;
+        let proposal = proposed_frames::propose(&skill, &all)?;
+        let origin = proposal.origin();
+        let mut trained = train_from(&proposal.skill, &all, components, seed, progress)?;
+        let parameters = &mut trained.model.provenance.hyper_parameters;
+        parameters.push(("other_frames_origin".into(), origin));
+        trained.warnings.extend(proposal.warnings);
+        return Ok(trained);
+    }
+    let others = &skill.other_frames;
+    let demonstrations = read_folder(&folder, name, skill.manifold, start, goal, others)?;
+    train_from(&skill, &demonstrations, components, seed, progress)
+}
+
+/// Trains a skill from its demonstrations.
+fn train_from(
+    skill: &Skill,
+    demonstrations: &[Demonstration],
+    components: Components,
+    seed: u64,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Trained, TrainError> {
     let started = Instant::now();
-    let modes = modes::split(&skill, &demonstrations)?;
+    let modes = modes::split(skill, demonstrations)?;
     let aligned = started.elapsed();
     progress(&Step::Alignment.to_string());
     let started = Instant::now();
-    let Some(origin) = components.origin() else {
-        let mut trained = learn_modes(&skill, modes, seed, progress)?;
-        trained.times.insert(0, (Step::Alignment, aligned));
-        return Ok(trained);
-    };
     let (count, choice) = match components {
         Components::SkillFile => (skill.mixture.components, None),
         Components::Count(count) => (count, None),
         Components::Auto { least, most } => {
             let Mode { aligned, set, .. } = &modes.modes[0];
-            let choice = choose(&skill, (aligned, set), seed, least..=most, progress)?;
+            let choice = choose(skill, (aligned, set), seed, least..=most, progress)?;
             (choice.components, Some(choice))
         }
     };
     let chosen = started.elapsed();
-    let skill = skill.with_components(count).map_err(ChoiceError::Components)?;
+    let skill = skill.clone().with_components(count).map_err(ChoiceError::Components)?;
     let mut trained = learn_modes(&skill, modes, seed, progress)?;
-    trained.model.provenance.hyper_parameters.push(("mixture.components_origin".into(), origin));
+    if let Some(origin) = components.origin() {
+        let parameters = &mut trained.model.provenance.hyper_parameters;
+        parameters.push(("mixture.components_origin".into(), origin));
+    }
     if let Some(choice) = choice {
         trained.times.insert(0, (Step::Choice, chosen));
         trained.warnings.extend(choice.warning());
         trained.choice = Some(choice);
     }
+    trained.times.insert(0, (Step::Alignment, aligned));
     Ok(trained)
 }
 
@@ -283,8 +302,12 @@ fn learn_mode(
         certifier.certify(&model.fit.demonstrations, faults as u32, seed, &mut progress);
     clock.done(Step::Certificate);
 
+    let profile = PhaseProfile::of(&skill.fit, mean_duration_s(demonstrations));
+    let gripper = gripper_events::find(recorded, alignments, &profile);
+    model.gripper = gripper.events;
     let span_m = skill.scale.span / set.scales[0];
     let mut warnings = plausibility::warnings(recorded);
+    warnings.extend(gripper.warnings);
     warnings.extend(consistency::warnings(skill, recorded));
     warnings.extend(alignment_warnings(skill, alignments, recorded));
     warnings.extend(uninformative_frames(skill, demonstrations));
@@ -361,6 +384,7 @@ impl FittedPolicy {
             gaussians: mixture.stored_canonical(skill, self.set.scales),
             frames: self.frames.clone(),
             policy: self.policy.clone(),
+            gripper: Vec::new(),
             fit: Fit {
                 em_iterations: mixture.log_likelihoods.len() as u32,
                 em_log_likelihood: mixture.log_likelihoods[mixture.log_likelihoods.len() - 1],
@@ -470,17 +494,7 @@ fn left_out_frames(
     named
         .filter(|(index, _)| !acts(*index))
         .map(|(index, (name, _))| {
-            let most = skill.frame_map.agreement_fraction_max;
-            let why = match set.fractions.get(index).copied().flatten() {
-                Some(fraction) if fraction <= most => {
-                    "another frame acts at the same time".to_owned()
-                }
-                Some(fraction) => format!(
-                    "seen from it the demonstrations lie at best {fraction:.2} as far apart as seen from start \
-                     or goal frame, and `frame_map.agreement_fraction_max` is {most}"
-                ),
-                None => "it acts at no phase between start and goal".to_owned(),
-            };
+            let why = proposed_frames::why_left_out(skill, set, index);
             format!("the frame `{name}` is left out of the path: {why}")
         })
         .collect()

@@ -44,6 +44,7 @@ fn demonstration(name: String, poses: Vec<Pose>) -> Demonstration {
     Demonstration {
         name,
         poses,
+        gripper: None,
         sampling_time_s: 0.005,
         start: START,
         goal_frame: GOAL,

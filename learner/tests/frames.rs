@@ -5,7 +5,7 @@ mod common;
 
 use std::sync::LazyLock;
 
-use common::{arcs, skill};
+use common::{Folder, arcs, skill, skill_text};
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
@@ -14,9 +14,11 @@ use tprmp_learner::canonical::agreement::best_aligned;
 use tprmp_learner::certify::policy::{Body, LearnedPolicy, MotionPolicy};
 use tprmp_learner::certify::rollout::{RolloutSpec, Target, follow};
 use tprmp_learner::demonstration::Demonstration;
+use tprmp_learner::mixture::components::Components;
 use tprmp_learner::mixture::tp_gmm::uninformative_frames;
+use tprmp_learner::proposed_frames::propose;
 use tprmp_learner::skill::{FitSettings, Skill};
-use tprmp_learner::train::{Trained, learn};
+use tprmp_learner::train::{Trained, learn, train};
 use tprmp_model::skill_model::{FrameMixture, Manifold, SkillModel};
 use tprmp_spatial::strategies::vector;
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
@@ -455,6 +457,86 @@ fn a_frame_on_the_path_is_passed_wherever_it_is() {
             assert!(nearest < 0.03 && outcome.goal_error_m < 1e-4, "{nearest} {outcome:?}");
         }
     }
+}
+
+/// A frame that has nothing to do with the path, beside the box on it.
+fn paths_with_a_distractor(manifold: Manifold) -> Vec<Demonstration> {
+    let mut demonstrated = paths_through_a_box(manifold);
+    for (demonstration, frame) in demonstrated.iter_mut().zip(arcs_with_a_box(manifold)) {
+        let mut away = frame.other_frames["box"];
+        away.position.x -= 0.7 * frame.goal_frame.position.x;
+        demonstration.other_frames.insert("cup".into(), away);
+    }
+    demonstrated
+}
+
+#[test]
+fn frames_that_matter_are_proposed_and_the_model_is_that_of_the_list() {
+    for template in ["planar.ron", "pick.ron", "planar_thesis.ron"] {
+        let auto = Skill { proposes_frames: true, ..unexamined(template) };
+        let mut demonstrated = paths_with_a_distractor(auto.manifold);
+        let first = demonstrated[0].goal_frame;
+        demonstrated[0].other_frames.insert("once".into(), first);
+        let proposal = propose(&auto, &demonstrated).unwrap();
+        assert_eq!(proposal.skill.other_frames, ["box"], "{template}");
+        assert_eq!(proposal.origin(), "Auto: 1 of [\"box\", \"cup\"]");
+        let [once, cup] = &proposal.warnings[..] else { panic!("{:?}", proposal.warnings) };
+        for (text, parts) in [
+            (once, ["the frame `once` is not used", "`made_up_02.json`", "1 others"]),
+            (cup, ["the frame `cup` is not used", "as far apart", "agreement_fraction_max"]),
+        ] {
+            assert!(parts.iter().all(|part| text.contains(part)), "{text}");
+        }
+        let listed = Skill { other_frames: vec!["box".into()], ..unexamined(template) };
+        assert_eq!(
+            learned(&proposal.skill, &demonstrated).model,
+            learned(&listed, &demonstrated).model
+        );
+    }
+}
+
+#[test]
+fn more_frames_than_a_skill_has_are_tried_in_rounds() {
+    let auto = unexamined("planar.ron");
+    let mut demonstrated = paths_with_a_distractor(auto.manifold);
+    for demonstration in &mut demonstrated {
+        let cup = demonstration.other_frames["cup"];
+        for i in 0..9 {
+            demonstration.other_frames.insert(format!("a{i}"), cup);
+        }
+    }
+    let proposal = propose(&auto, &demonstrated).unwrap();
+    assert_eq!(proposal.skill.other_frames, ["box"]);
+    assert_eq!(proposal.warnings.len(), 10);
+}
+
+#[test]
+fn a_skill_file_may_leave_the_further_frames_to_the_learner() {
+    let folder = Folder::new("frames-auto");
+    folder.demonstrations("demonstrated", &arcs(Manifold::R2));
+    let cup = |text: String| {
+        let frame = r#""cup": {"position_m": [1, 1, 0], "quaternion_wxyz": [1, 0, 0, 0]}, "#;
+        text.replace("\"frames\": {", &format!("\"frames\": {{{frame}"))
+    };
+    for path in std::fs::read_dir(folder.path().join("demonstrated")).unwrap() {
+        let path = path.unwrap().path();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let name = path.file_name().unwrap().to_str().unwrap();
+        folder.write(&format!("demonstrated/{name}"), &cup(text));
+    }
+    let text = skill_text("planar.ron").replace("other_frames: []", "other_frames: Auto");
+    assert!(text.contains("Auto"));
+    let file = folder.write("skill.ron", &text);
+    assert!(Skill::read(&file).unwrap().proposes_frames);
+    let trained = train(&file, Components::SkillFile, 1, &mut |_| {}).unwrap();
+    assert_eq!(trained.model.frames.len(), 2);
+    let said = |part: &str| trained.warnings.iter().any(|warning| warning.contains(part));
+    assert!(said("the frame `cup` is not used: "), "{:?}", trained.warnings);
+    let parameters = &trained.model.provenance.hyper_parameters;
+    let origin = ("other_frames_origin".to_owned(), "Auto: 0 of [\"cup\"]".to_owned());
+    assert!(parameters.contains(&origin), "{parameters:?}");
+    let wrong = folder.write("wrong.ron", &text.replace("Auto", "Every"));
+    assert!(Skill::read(&wrong).is_err());
 }
 
 #[test]

@@ -11,7 +11,7 @@ use folder::Folder;
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 use tprmp_files::Existing;
-use tprmp_learner::demonstration::{Demonstration, read};
+use tprmp_learner::demonstration::{Demonstration, Grip, Gripper, read};
 use tprmp_learner::file_error::FileError;
 use tprmp_learner::import::{Selection, import};
 use tprmp_model::skill_model::Manifold;
@@ -240,6 +240,33 @@ fn numpy_archives_are_imported() {
     check(&demonstration, STEP_S);
     assert_eq!(demonstration.poses.len(), SAMPLES);
     assert!((demonstration.start.orientation.y - 0.8).abs() < 1e-6);
+}
+
+#[test]
+fn grippers_of_numpy_archives_are_read_and_wrong_ones_refused() {
+    let folder = Folder::new("import-npz-gripper");
+    let with = |name: &'static str, values: Vec<f64>| {
+        let mut all = arrays();
+        all.push((name, npy("<f8", "False", &format!("{},", values.len()), &floats(values))));
+        archive(&all)
+    };
+    let states: Vec<f64> = (0..SAMPLES).map(|i| f64::from(u8::from(i > 10))).collect();
+    let path = write(&folder, "grips.npz", &with("gripper", states.clone()));
+    let demonstration =
+        read(&imported(&path, &selection()).unwrap()[0], "ee_start", "object").unwrap();
+    let Some(Gripper::Grips(grips)) = demonstration.gripper else { panic!("it is read") };
+    assert_eq!(grips.iter().position(|grip| *grip == Grip::Closed), Some(11));
+    let path = write(&folder, "widths.npz", &with("gripper_width_m", vec![0.05; SAMPLES]));
+    let demonstration =
+        read(&imported(&path, &selection()).unwrap()[0], "ee_start", "object").unwrap();
+    assert_eq!(demonstration.gripper, Some(Gripper::Widths(vec![0.05; SAMPLES])));
+    let say = |bytes: &[u8], expected: &[&str]| {
+        refused("demonstration.npz", bytes, &selection(), expected);
+    };
+    say(&with("gripper", vec![0.0; 3]), &["array `gripper`", "one a pose, found 3"]);
+    say(&with("gripper", vec![0.5; SAMPLES]), &["array `gripper`", "row 0", "0.5"]);
+    say(&with("gripper_width_m", vec![-1.0; SAMPLES]), &["`gripper_width_m`", "row 0", "-1"]);
+    say(&with("Gripper", states), &["array `Gripper`", "`gripper`"]);
 }
 
 #[test]

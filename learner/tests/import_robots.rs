@@ -12,7 +12,7 @@ use nalgebra::SVector;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tprmp_files::Existing;
-use tprmp_learner::demonstration::{Demonstration, read};
+use tprmp_learner::demonstration::{Demonstration, Grip, Gripper, read};
 use tprmp_learner::import::{AngleUnit, Closed, Imported, Selection, Space, import, load};
 use tprmp_model::controller_config;
 use tprmp_model::skill_model::Manifold;
@@ -291,6 +291,9 @@ fn frames_of_lerobot_come_from_a_file_or_from_the_gripper() {
         assert!(found.summary[episode].contains(&said), "{}", found.summary[episode]);
         assert!(near(&demonstration.goal_frame, &tool(episode_joints(episode, at))));
         assert!(demonstration.other_frames.contains_key("object"));
+        let Some(Gripper::Grips(grips)) = &demonstration.gripper else { panic!("it is read") };
+        assert_eq!(grips.iter().position(|grip| *grip == Grip::Closed), Some(at));
+        assert!(found.summary[episode].contains("gripper closed in"), "{}", found.summary[episode]);
     }
     let never = Selection { closed: Some(Closed::High), ..closing.clone() };
     assert!(imported(&set, &never).unwrap_err().contains("--closed"));

@@ -8,8 +8,8 @@ use std::path::PathBuf;
 
 use folder::Folder;
 use tprmp_files::Existing;
-use tprmp_learner::demonstration::{Demonstration, read, read_folder};
-use tprmp_learner::import::{Imported, LengthUnit, Selection, Space, TimeUnit, import};
+use tprmp_learner::demonstration::{Demonstration, Grip, Gripper, read, read_folder};
+use tprmp_learner::import::{Closed, Imported, LengthUnit, Selection, Space, TimeUnit, import};
 use tprmp_model::skill_model::Manifold;
 
 const SAMPLES: usize = 101;
@@ -295,6 +295,79 @@ fn frames_come_from_columns_too() {
     folder.write("rec.frames.json", FRAMES);
     let message = imported(&folder, &text, &selection()).unwrap_err();
     assert!(message.contains("frames.object") && message.contains("once"), "{message}");
+}
+
+/// The good table with a column more.
+fn with_column(name: &str, cell: impl Fn(usize) -> String) -> String {
+    let text = good();
+    let rows = text.lines().skip(1).enumerate().map(|(i, row)| format!("{row},{}", cell(i)));
+    format!("{HEADER},{name}\n{}\n", rows.collect::<Vec<_>>().join("\n"))
+}
+
+#[test]
+fn a_column_of_the_gripper_is_read_and_said() {
+    let folder = named("gripper");
+    let closed = |i: usize| i >= 60;
+    let expected: Vec<Grip> =
+        (0..SAMPLES).map(|i| if closed(i) { Grip::Closed } else { Grip::Open }).collect();
+    let said = "gripper closed in 41 samples of 101";
+    for words in [["open", "closed"], ["0", "1"], ["0.0", "1.0"]] {
+        let text = with_column("gripper", |i| words[usize::from(closed(i))].into());
+        let found = imported(&folder, &text, &selection()).unwrap();
+        assert!(found.summary[0].ends_with(said), "{}", found.summary[0]);
+        assert_eq!(demonstrated(&found).gripper, Some(Gripper::Grips(expected.clone())));
+    }
+    // Positions of a gripper, by its end that is closed.
+    let text = with_column("jaw", |i| if closed(i) { "12.5" } else { "80" }.into());
+    let by_position =
+        Selection { gripper: Some("jaw".into()), closed: Some(Closed::Low), ..selection() };
+    let found = imported(&folder, &text, &by_position).unwrap();
+    assert!(found.summary[0].ends_with(said), "{}", found.summary[0]);
+    assert_eq!(demonstrated(&found).gripper, Some(Gripper::Grips(expected)));
+    let still = imported(&folder, &with_column("jaw", |_| "80".into()), &by_position).unwrap();
+    assert!(still.summary[0].ends_with("the gripper does not move"), "{}", still.summary[0]);
+    assert_eq!(demonstrated(&still).gripper, None);
+    // Thinned to half as many samples, the nearest tells.
+    let text = with_column("gripper", |i| if closed(i) { "closed" } else { "open" }.into());
+    let thinned = Selection { sampling_time_s: Some(0.04), ..selection() };
+    let demonstration = demonstrated(&imported(&folder, &text, &thinned).unwrap());
+    let Some(Gripper::Grips(grips)) = demonstration.gripper else { panic!("it is read") };
+    assert_eq!((grips.len(), grips.iter().position(|g| *g == Grip::Closed)), (51, Some(30)));
+}
+
+#[test]
+fn a_column_of_widths_is_read_and_resampled_on_straight_lines() {
+    let folder = named("gripper-width");
+    let width_mm = |i: usize| 80.0 - 0.6 * i as f64;
+    let text = with_column("gripper_width_m", |i| format!("{:.4}", 1e-3 * width_mm(i)));
+    let slow = Selection { sampling_time_s: Some(0.05), ..selection() };
+    let found = imported(&folder, &text, &slow).unwrap();
+    assert!(found.summary[0].ends_with("gripper 20.0 to 80.0 mm wide"), "{}", found.summary[0]);
+    let Some(Gripper::Widths(widths_m)) = demonstrated(&found).gripper else { panic!("widths") };
+    assert_eq!(widths_m.len(), 41);
+    for (k, width_m) in widths_m.iter().enumerate() {
+        assert!((width_m - 1e-3 * (80.0 - 1.5 * k as f64)).abs() < 2e-6, "{k}: {width_m}");
+    }
+}
+
+#[test]
+fn wrong_columns_of_the_gripper_are_refused() {
+    let bad = |name: &str, cell: &str| {
+        with_column(name, |i| if i == 4 { cell.into() } else { "0".into() })
+    };
+    refused(&bad("gripper", "0.37"), &selection(), &["line 6", "`gripper`", "--closed", "0.37"]);
+    refused(&bad("gripper", "ajar"), &selection(), &["line 6", "`gripper`", "ajar"]);
+    refused(&bad("gripper_width_m", "-0.1"), &selection(), &["line 6", "gripper_width_m", "-0.1"]);
+    refused(&bad("gripper_width_m", "80"), &selection(), &["line 6", "millimetres"]);
+    refused(&bad("gripper_width_m", "wide"), &selection(), &["line 6", "`wide`"]);
+    refused(&bad("gripper_width", "0"), &selection(), &["`gripper_width`", "`gripper_width_m`"]);
+    refused(&bad("gripper_width_m,gripper", "0,0"), &selection(), &["one column of the gripper"]);
+    let closed = Selection { closed: Some(Closed::Low), ..selection() };
+    refused(&good(), &closed, &["`gripper`", "--gripper names another"]);
+    let folder = named("gripper-ignored");
+    let left_out = Selection { ignore: vec!["gripper".into()], ..selection() };
+    let found = imported(&folder, &bad("gripper", "0.37"), &left_out).unwrap();
+    assert!(found.summary[0].ends_with("ignored: gripper"), "{}", found.summary[0]);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::path::Path;
 use common::{Folder, arcs, skill, skill_file, skill_text};
 use proptest::prelude::*;
 use tprmp_files::Existing;
-use tprmp_learner::demonstration::{self, read, read_folder, to_text};
+use tprmp_learner::demonstration::{self, Grip, Gripper, read, read_folder, to_text};
 use tprmp_learner::import::{Selection, import};
 use tprmp_learner::skill::Skill;
 use tprmp_model::skill_model::Manifold;
@@ -110,6 +110,51 @@ fn frames_that_are_missing_or_unknown_are_named() {
     refused(&lines.join("\n"), &["frames.end", "found only [start]"]);
     let tilted = text(Manifold::R2).replacen("[1.000000, 0.000000,", "[0.8, 0.6,", 1);
     refused(&tilted, &["frames.start.quaternion_wxyz", "about z"]);
+}
+
+#[test]
+fn a_gripper_channel_comes_back_and_what_is_wrong_with_it_is_named() {
+    let folder = Folder::new("gripper");
+    let mut written = arcs(Manifold::R2)[0].clone();
+    let count = written.poses.len();
+    assert!(!to_text(&written, "start", "end").contains("gripper"));
+    let grip = |i: usize| if i < 30 { Grip::Open } else { Grip::Closed };
+    let widths_m = (0..count).map(|i| 0.08 * (i as f64 / count as f64).powi(2));
+    for gripper in
+        [Gripper::Grips((0..count).map(grip).collect()), Gripper::Widths(widths_m.collect())]
+    {
+        written.gripper = Some(gripper.clone());
+        let path = folder.write("made_up_01.json", &to_text(&written, "start", "end"));
+        match (read(&path, "start", "end").unwrap().gripper.unwrap(), gripper) {
+            (Gripper::Widths(back), Gripper::Widths(written)) => {
+                assert!(back.iter().zip(&written).all(|(a, b)| (a - b).abs() < 1e-6));
+            }
+            (back, written) => assert_eq!(back, written),
+        }
+    }
+    let with =
+        |keys: &str| text(Manifold::R2).replace("\"columns\"", &format!("{keys}, \"columns\""));
+    let list = |entry: &str, count: usize| format!("[{}]", vec![entry; count].join(", "));
+    let words = |entry: &str| format!("\"gripper\": {}", list(entry, count));
+    let widths = |entry: &str| format!("\"gripper_width_m\": {}", list(entry, count));
+    let short = format!("\"gripper\": {}", list("\"open\"", 3));
+    refused(&with(&short), &["key `gripper`", &format!("expected {count} entries"), "found 3"]);
+    let short = format!("\"gripper_width_m\": {}", list("0.1", 3));
+    refused(&with(&short), &["key `gripper_width_m`", "one a sample", "found 3"]);
+    let one_wrong = words("\"open\"").replacen("open", "ajar", 2).replacen("ajar", "open", 1);
+    refused(&with(&one_wrong), &["gripper[1]", "\"open\" or \"closed\"", "ajar"]);
+    refused(&with(&words("null")), &["gripper[0]", "null"]);
+    refused(&with(&words("1")), &["expected a string"]);
+    for (bad, said) in [
+        ("-0.01", "from 0 to 10 m, found -0.01"),
+        ("80", "are these millimetres?"),
+        ("null", "finite number"),
+        ("NaN", "finite number"),
+    ] {
+        refused(&with(&widths(bad)), &["gripper_width_m[0]", said]);
+    }
+    let both = format!("{}, {}", words("\"open\""), widths("0.1"));
+    refused(&with(&both), &["key `gripper`", "`gripper_width_m`, found both"]);
 }
 
 #[test]

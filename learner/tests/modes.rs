@@ -151,7 +151,10 @@ fn a_model_of_modes_is_written_read_printed_and_drawn() {
     assert_eq!(read.modes().len(), 2);
     for text in [report::trained(&trained), report::inspected(&read)] {
         let of = |mode: &str| text.contains(&format!("mode        {mode}"));
-        assert!(of("1 of 2, from 01.json, 02.json, 03.json") && of("2 of 2, from 04.json"), "{text}");
+        assert!(
+            of("1 of 2, from 01.json, 02.json, 03.json") && of("2 of 2, from 04.json"),
+            "{text}"
+        );
     }
     let out = folder.path().join("pictures");
     let demonstrated = folder.path().join("demonstrated");
@@ -163,5 +166,8 @@ fn a_model_of_modes_is_written_read_printed_and_drawn() {
     other.other_modes[0].goal_frame = "elsewhere".into();
     other.other_modes[0].frames[1].name = "elsewhere".into();
     let refused = skill_model::write(&other, &path).unwrap_err().to_string();
-    assert!(refused.contains("other_modes[0].goal_frame") && refused.contains("`end`"), "{refused}");
+    assert!(
+        refused.contains("other_modes[0].goal_frame") && refused.contains("`end`"),
+        "{refused}"
+    );
 }

@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 
 use common::{Folder, arcs, skill, skill_text};
 use glam::{DQuat, DVec3};
-use tprmp_learner::demonstration::Demonstration;
+use tprmp_learner::demonstration::{Demonstration, Grip, Gripper};
 use tprmp_learner::mixture::components::Components;
 use tprmp_learner::report;
 use tprmp_learner::skill::Initialisation;
@@ -370,6 +370,49 @@ fn remarks_come_into_the_provenance_and_are_printed_without_their_control_charac
     with(&"x".repeat(2001));
     let said = String::from_utf8(learner(&["train", file, "--out", out]).stderr).unwrap();
     assert!(said.contains("key `operator`") && said.contains("found 2001"), "{said}");
+}
+
+#[test]
+fn the_gripper_s_closing_is_an_event_of_the_model_and_nothing_else_changes() {
+    let (folder, file, model) = to_train("gripper");
+    let mut demonstrated = arcs(Manifold::R2);
+    let count = demonstrated.len();
+    for demonstration in &mut demonstrated[..count - 1] {
+        // In the last samples, in which the point has all but arrived.
+        let samples = demonstration.poses.len();
+        let grip = |i| if i + 2 < samples { Grip::Open } else { Grip::Closed };
+        demonstration.gripper = Some(Gripper::Grips((0..samples).map(grip).collect()));
+    }
+    folder.demonstrations("demonstrated", &demonstrated);
+    let [file, out] = [&file, &model].map(|path| path.to_str().unwrap());
+    let said = String::from_utf8(learner(&["train", file, "--out", out]).stdout).unwrap();
+    let line =
+        format!("gripper closes at phase 1.00 ({} of {count} demonstrations, within", count - 1);
+    assert!(said.contains(&line), "{said}");
+    assert!(said.contains("says nothing of the gripper"), "{said}");
+    let inspected = String::from_utf8(learner(&["inspect", out]).stdout).unwrap();
+    assert!(inspected.contains(&line), "{inspected}");
+    let found = skill_model::read(&model).unwrap();
+    let pictures = folder.path().join("pictures");
+    let drawn = ["plot", out, "--demonstrations", "demonstrated", "--out", "pictures"];
+    let drawn = drawn.map(|name| match name {
+        "demonstrated" => folder.path().join(name).to_str().unwrap().to_owned(),
+        "pictures" => pictures.to_str().unwrap().to_owned(),
+        other => other.to_owned(),
+    });
+    assert!(learner(&drawn.each_ref().map(String::as_str)).status.success());
+    let picture = std::fs::read_to_string(pictures.join("gaussians.svg")).unwrap();
+    assert!(picture.contains("gripper changes"));
+    let page = std::fs::read_to_string(pictures.join("index.html")).unwrap();
+    assert!(page.contains(&line));
+    // Without the channel: the same model, but for its events and its sources' checksums.
+    folder.demonstrations("demonstrated", &arcs(Manifold::R2));
+    assert!(learner(&["train", file, "--out", out]).status.success());
+    let mut without = skill_model::read(&model).unwrap();
+    assert!(without.gripper.is_empty());
+    without.gripper.clone_from(&found.gripper);
+    without.provenance.demonstrations.clone_from(&found.provenance.demonstrations);
+    assert_eq!(without, found);
 }
 
 #[test]

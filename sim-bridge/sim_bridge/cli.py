@@ -147,6 +147,11 @@ def _add_record(commands: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("--count", type=int, help="how many (default: the scene's)")
     parser.add_argument("--seed", type=int, help="draws the box poses (default: the scene's)")
+    parser.add_argument(
+        "--gripper",
+        action="store_true",
+        help="write what the gripper does, up to a sample in which it holds the box",
+    )
     _add_force(parser, "demonstrations of the same names in the folder")
 
 
@@ -158,7 +163,8 @@ def _record(parsed: argparse.Namespace) -> int:
     count = scene.record.count if parsed.count is None else parsed.count
     _check_whole("--count", count, 1)
     seed = scene.record.seed if parsed.seed is None else parsed.seed
-    record(scene, parsed.out or scene.task.demonstrations, count, seed, force=parsed.force)
+    out = parsed.out or scene.task.demonstrations
+    record(scene, out, count, seed, force=parsed.force, gripper=parsed.gripper)
     return 0
 
 

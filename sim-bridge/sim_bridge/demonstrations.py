@@ -21,6 +21,7 @@ from sim_bridge.poses import (
 from sim_bridge.settings import read_json, refused
 
 SCHEMA = "tprmp-demonstration/1"
+GRIPS = ("open", "closed")
 COLUMNS = ["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
 
 
@@ -34,6 +35,8 @@ class Demonstration:
     """`X_BF` of every frame, 4x4."""
     samples: Array
     """One row a sample: position [m], quaternion w x y z with a continuous sign."""
+    gripper: list[str] | None = None
+    """`open` or `closed`, one a sample, where it is known."""
 
     def grasp(self, goal_frame: str) -> Array:
         """`X_OE`: the last tool pose in the goal frame."""
@@ -64,6 +67,8 @@ def write_demonstration(file: Path, demonstration: Demonstration, *, force: bool
         "frames": frames,
         "columns": COLUMNS,
     }
+    if demonstration.gripper is not None:
+        head["gripper"] = demonstration.gripper
     lines = [f' "{key}": {json.dumps(value)},' for key, value in head.items()]
     rows = [json.dumps([_rounded(v) for v in row]) for row in demonstration.samples]
     body = "{\n" + "\n".join(lines) + '\n "samples": [\n  ' + ",\n  ".join(rows) + "\n ]\n}\n"
@@ -93,7 +98,13 @@ def read_demonstration(file: Path) -> Demonstration:
             for name, frame in values["frames"].items()
         }
         samples = np.array(values["samples"], dtype=float).reshape(-1, len(COLUMNS))
-        return Demonstration(values["skill"], float(values["sampling_time_s"]), frames, samples)
+        gripper = values.get("gripper")
+        if gripper is not None and (
+            len(gripper) != len(samples) or any(word not in GRIPS for word in gripper)
+        ):
+            raise refused(file, "gripper", f"{len(samples)} of {GRIPS}, one a sample", gripper)
+        sampling_time_s = float(values["sampling_time_s"])
+        return Demonstration(values["skill"], sampling_time_s, frames, samples, gripper)
     except KeyError as error:
         raise BridgeError(f"{file}: key {error} is missing") from error
     except (ValueError, TypeError) as error:

@@ -131,8 +131,14 @@ class _Expert:
         return q[1:-1], velocity, acceleration
 
 
-def record_one(scene: Scene, number: int, count: int, seed: int) -> Recording:
-    """Picks the box once; raises `BridgeError` when it is not gripped or not lifted."""
+def record_one(
+    scene: Scene, number: int, count: int, seed: int, *, gripper: bool = False
+) -> Recording:
+    """Picks the box once; raises `BridgeError` when it is not gripped or not lifted.
+
+    With `gripper` the demonstration says what the gripper does, and ends with a sample in which it
+    holds the box.
+    """
     generator = random.Random(f"{seed}/{number}")
     world = World(scene, _static_episode(scene, number, count, seed), with_sphere=False)
     try:
@@ -140,7 +146,7 @@ def record_one(scene: Scene, number: int, count: int, seed: int) -> Recording:
         start = [q + variation * (2.0 * generator.random() - 1.0) for q in world.home]
         world.place_arm(start)
         world.moving = True
-        return _demonstrate(world, scene.record.duration_s.draw(generator), number)
+        return _demonstrate(world, scene.record.duration_s.draw(generator), number, gripper)
     finally:
         world.close()
 
@@ -165,7 +171,7 @@ def _static_episode(scene: Scene, number: int, count: int, seed: int) -> Episode
     return Episode(number, position, 0.0, 0.0, 0.0, yaw, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
 
 
-def _demonstrate(world: World, duration_s: float, number: int) -> Recording:
+def _demonstrate(world: World, duration_s: float, number: int, gripper: bool) -> Recording:
     scene, record, dt = world.scene, world.scene.record, world.dt_s
     label = f"demonstration {number + 1}"
     x_start = world.tool_pose()
@@ -179,7 +185,7 @@ def _demonstrate(world: World, duration_s: float, number: int) -> Recording:
     phases = [(step + 1) / steps for step in range(steps)]
     expert = _Expert(world)
     plan = expert.plan([tool_path(scene, x_start, x_goal, end, phase) for phase in phases])
-    measured = _follow(expert, plan)
+    measured, grips = _follow(expert, plan, to_grip=gripper)
     if world.gripper != GripperState.HOLDING:
         raise BridgeError(f"{label}: the vacuum did not seal: see `record` in {scene.file}")
     lifted_m = _lift(expert, scene.task.lift_height_m + LIFT_MARGIN_M)
@@ -190,7 +196,7 @@ def _demonstrate(world: World, duration_s: float, number: int) -> Recording:
     steps_m = np.linalg.norm(np.diff(samples[:, :3], axis=0), axis=1)
     frames = {scene.task.start_frame: x_start, scene.task.goal_frame: x_bo}
     return Recording(
-        Demonstration(scene.task.skill, record.sampling_time_s, frames, samples),
+        Demonstration(scene.task.skill, record.sampling_time_s, frames, samples, grips),
         duration_s=(len(measured) - 1) * record.sampling_time_s,
         path_length_m=float(np.sum(steps_m)),
         speed_max_m_s=float(np.max(steps_m)) / record.sampling_time_s,
@@ -199,15 +205,24 @@ def _demonstrate(world: World, duration_s: float, number: int) -> Recording:
     )
 
 
-def _follow(expert: _Expert, plan: tuple[Array, Array, Array]) -> list[Array]:
-    """Follows the plan, rests and seals, if it can; gives the measured tool poses."""
+def _follow(
+    expert: _Expert, plan: tuple[Array, Array, Array], *, to_grip: bool
+) -> tuple[list[Array], list[str] | None]:
+    """Follows the plan, rests and seals, if it can.
+
+    Gives the measured tool poses and, with `to_grip`, what the gripper is at each, up to the first
+    at which it holds.
+    """
     world = expert.world
     every = round(world.scene.record.sampling_time_s / world.dt_s)
-    measured = [world.tool_pose()]
+    measured, grips = [world.tool_pose()], [_grip(world)]
 
-    def sample() -> None:
+    def sample() -> bool:
         if world.steps % every == 0:
             measured.append(world.tool_pose())
+            grips.append(_grip(world))
+            return True
+        return False
 
     for q, qd, qdd in zip(*plan):
         expert.step(q, qd, qdd, vacuum=False)
@@ -216,10 +231,15 @@ def _follow(expert: _Expert, plan: tuple[Array, Array, Array]) -> list[Array]:
     for _ in range(math.ceil(REST_TIME_MAX_S / world.dt_s)):
         at_rest = at_rest or max(abs(v) for v in world.joint_state()[1]) < REST_SPEED_RAD_S
         expert.hold(vacuum=at_rest)
-        if world.gripper == GripperState.HOLDING:
+        if world.gripper == GripperState.HOLDING and not to_grip:
             break
-        sample()
-    return measured
+        if sample() and world.gripper == GripperState.HOLDING:
+            break
+    return measured, grips if to_grip else None
+
+
+def _grip(world: World) -> str:
+    return "closed" if world.gripper == GripperState.HOLDING else "open"
 
 
 def _samples(poses: list[Array]) -> Array:
@@ -251,7 +271,9 @@ def _lift(expert: _Expert, height_m: float) -> float:
     return float(world.object_motion()[0][2] - before)
 
 
-def record(scene: Scene, out: Path, count: int, seed: int, *, force: bool) -> None:
+def record(
+    scene: Scene, out: Path, count: int, seed: int, *, force: bool, gripper: bool = False
+) -> None:
     """Writes `count` demonstrations to `out` and prints a table of them.
 
     Raises `BridgeError` before the first one when one of them may not be written.
@@ -262,7 +284,7 @@ def record(scene: Scene, out: Path, count: int, seed: int, *, force: bool) -> No
     print("file     box x, y [m]     yaw [deg]  samples  time [s]  path [m]  top speed [m/s]"
           "  cup pressed [mm]  lifted [m]")  # fmt: skip
     for number in range(count):
-        recording = record_one(scene, number, count, seed)
+        recording = record_one(scene, number, count, seed, gripper=gripper)
         demonstration = recording.demonstration
         file = out / f"{number + 1:02}.json"
         write_demonstration(file, demonstration, force=force)

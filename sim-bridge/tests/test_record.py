@@ -29,6 +29,23 @@ def test_the_same_seed_gives_the_same_file(scene, recording, tmp_path):
     ).read_bytes(), "config/demonstrations is not what `sim-bridge record` writes"
 
 
+def test_the_gripper_is_written_where_it_is_asked_for(scene, recording, tmp_path):
+    assert recording.demonstration.gripper is None
+    demonstration = record_one(scene, 0, 8, 1, gripper=True).demonstration
+    count = len(demonstration.samples)
+    assert demonstration.gripper == ["open"] * (count - 1) + ["closed"]
+    before = len(recording.demonstration.samples)
+    assert np.array_equal(demonstration.samples[:before], recording.demonstration.samples)
+    file = tmp_path / "a.json"
+    write_demonstration(file, demonstration)
+    assert read_demonstration(file).gripper == demonstration.gripper
+    text = file.read_text(encoding="utf-8")
+    for wrong in (text.replace('"closed"', '"ajar"'), text.replace(', "closed"', "")):
+        file.write_text(wrong, encoding="utf-8")
+        with pytest.raises(BridgeError, match="gripper"):
+            read_demonstration(file)
+
+
 def test_a_demonstration_starts_and_ends_at_rest_pressed_on_the_box(scene, recording):
     demonstration = recording.demonstration
     speed = np.linalg.norm(np.diff(demonstration.samples[:, :3], axis=0), axis=1) / 0.02

@@ -32,4 +32,5 @@ pub mod skill_model;
 
 pub use controller_config::{ConfigError, ControllerConfig};
 pub use renamed::{RENAMED_KEYS, RenamedKey, renamed_keys};
+pub use ron_text::ron_value;
 pub use skill_model::{ModelError, SkillModel};

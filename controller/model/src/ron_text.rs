@@ -159,6 +159,12 @@ const DEPTH_MAX: usize = 128;
 /// Nor is what stands under longer paths [bytes]: each entry has its own.
 const PATH_MAX: usize = 1024;
 
+/// Bytes of the value of a key, `section.key`, in the text of a RON file.
+#[must_use]
+pub fn ron_value(text: &str, path: &str) -> Option<Range<usize>> {
+    entries(text).into_iter().find(|entry| entry.path == path).map(|entry| entry.value)
+}
+
 /// The keys of a text in its order. The first entry is the whole text, and has no key.
 pub(crate) fn entries(text: &str) -> Vec<Entry> {
     let tokens = tokens(text);

@@ -7,9 +7,9 @@ use proptest::prelude::*;
 use tprmp_model::skill_model::{
     ActiveConstraints, Adaptation, BlockCertificate, COORDINATES, Canonical, Certificate,
     Component, Constraints, DemonstrationRollout, FieldModel, Figure, Fit, FrameGaussian,
-    FrameMixture, Gaussian, Manifold, ModelError, PolicyModel, Pose, Program, ProgramFit,
-    ProgramStatus, Provenance, Remarks, Rollouts, SPLINES, SkillModel, Source, ThesisModel,
-    ValleyCertificate, Waypoint, read, to_text, write,
+    FrameMixture, GRIPPER_EVENTS_MAX, Gaussian, GripperAction, GripperEvent, Manifold, ModelError,
+    PolicyModel, Pose, Program, ProgramFit, ProgramStatus, Provenance, Remarks, Rollouts, SPLINES,
+    SkillModel, Source, ThesisModel, ValleyCertificate, Waypoint, read, to_text, write,
 };
 
 /// A folder of this test alone, removed at its end.
@@ -101,6 +101,7 @@ fn model() -> SkillModel {
             }],
             adaptation: None,
         },
+        gripper: Vec::new(),
         gaussians: vec![Gaussian {
             prior: 1.0,
             phase: 0.5,
@@ -171,6 +172,7 @@ fn model() -> SkillModel {
             displaced_frames: rollouts(0.0),
             step_s: 0.01,
         },
+        other_modes: Vec::new(),
         provenance: Provenance {
             tool_version: "0.1.0".into(),
             seed: 1,
@@ -412,6 +414,69 @@ fn frames_are_checked() {
     single.start_frame = "end".into();
     single.frames.remove(0);
     write(&single, &folder.file()).unwrap();
+}
+
+#[test]
+fn which_frame_speaks_when_is_said_and_what_the_skill_file_named_in_vain() {
+    let mut model = model();
+    assert_eq!(model.fewer_frames(), None);
+    let roles = |model: &SkillModel| -> Vec<String> {
+        model.frames.iter().map(|frame| model.frame_role(frame)).collect()
+    };
+    model.frames[2].agreement_fraction = Some(0.25);
+    let passed = "acts at phase 0.40 (fraction 0.25)";
+    assert_eq!(roles(&model), ["rules to phase 0.10", "rules from phase 1.00", passed]);
+    assert!(!model.is_left_out(&model.frames[2]));
+    let names = ("other_frames".to_owned(), r#"["way","lid"]"#.to_owned());
+    model.provenance.hyper_parameters.push(names);
+    assert_eq!(model.named_but_unused(), ["lid"]);
+    model.canonical.waypoints.clear();
+    assert_eq!(roles(&model)[2], "left out (fraction 0.25)");
+    assert!(model.is_left_out(&model.frames[2]));
+    let said = model.fewer_frames().unwrap();
+    assert!(said.contains("`line`") && said.ends_with("without `way`, `lid`"), "{said}");
+    // In the map the demonstrations lie apart where the goal frame sees them agree.
+    let apart = |m: f64| vec![[m, 0.0]; 9];
+    assert!(model.lost_agreement().is_empty());
+    model.fit.agreement = apart(0.1);
+    for (frame, m) in model.frames.iter_mut().zip([0.09, 0.01, 0.3]) {
+        frame.agreement = apart(m);
+    }
+    let lost = model.lost_agreement();
+    assert!(lost.len() == 1 && lost[0].contains("seen from `end`"), "{lost:?}");
+}
+
+#[test]
+fn events_of_the_gripper_are_stored_and_checked() {
+    let folder = Folder::new("gripper");
+    assert!(!to_text(&model()).contains("gripper"), "a model without events has no such key");
+    let event = |phase, action| GripperEvent {
+        phase,
+        time_fraction: 0.4,
+        action,
+        spread: 0.02,
+        demonstrations: 1,
+    };
+    let mut good = model();
+    good.gripper =
+        vec![event(0.25, GripperAction::Closes), event(1.0, GripperAction::WidthM(0.04))];
+    write(&good, &folder.file()).unwrap();
+    assert_eq!(read(&folder.file()).unwrap(), good);
+    let invalid = |edit: fn(&mut Vec<GripperEvent>)| {
+        folder.invalid(|m| {
+            m.gripper.clone_from(&good.gripper);
+            edit(&mut m.gripper);
+        })
+    };
+    assert_eq!(invalid(|g| g.swap(0, 1)).0, "gripper[1].phase");
+    assert_eq!(invalid(|g| g[0].phase = f64::NAN).0, "gripper[0].phase");
+    assert_eq!(invalid(|g| g[1].phase = 1.5).0, "gripper[1].phase");
+    assert_eq!(invalid(|g| g[0].spread = -0.1).0, "gripper[0].spread");
+    assert_eq!(invalid(|g| g[0].time_fraction = f64::INFINITY).0, "gripper[0].time_fraction");
+    assert_eq!(invalid(|g| g[0].demonstrations = 0).0, "gripper[0].demonstrations");
+    assert_eq!(invalid(|g| g[0].demonstrations = 99).0, "gripper[0].demonstrations");
+    assert_eq!(invalid(|g| g[1].action = GripperAction::WidthM(-0.1)).0, "gripper[1].action");
+    assert_eq!(invalid(|g| *g = vec![g[0]; GRIPPER_EVENTS_MAX + 1]).0, "gripper");
 }
 
 #[test]

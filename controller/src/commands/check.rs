@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use tprmp_messages::free_shared_memory_bytes;
 use tprmp_model::controller_config::{self, Capability, ControllerConfig, RealTime};
-use tprmp_model::skill_model::SkillModel;
+use tprmp_model::skill_model::{FrameMixture, PolicyModel, SkillModel};
 use tprmp_robot::{Chain, ControlPoints, Ignored, SelfPairs};
 
 use crate::startup::{self, StartError, WithRobot};
@@ -55,6 +55,29 @@ fn describe_model(path: &Path, model: &SkillModel) {
             &format!("{failure}: it is run with --allow-uncertified only"),
         ),
     }
+    if let Some(text) = model.fewer_frames() {
+        line("lack", "frames", &text);
+    }
+    for (verdict, text) in frame_lines(model) {
+        line(verdict, "frame", &text);
+    }
+}
+
+/// Which frame of a model speaks when, and what is wrong with that.
+fn frame_lines(model: &SkillModel) -> Vec<(&'static str, String)> {
+    if !matches!(model.policy, PolicyModel::Canonical { .. }) {
+        return Vec::new();
+    }
+    let role = |frame: &FrameMixture| {
+        let text = format!("`{}` {}", frame.name, model.frame_role(frame));
+        if model.is_left_out(frame) {
+            ("lack", format!("{text}: the skill names it, and its path does not pass it"))
+        } else {
+            ("ok", text)
+        }
+    };
+    let lost = model.lost_agreement().into_iter().map(|text| ("lack", text));
+    model.frames.iter().map(role).chain(lost).collect()
 }
 
 fn line(verdict: &str, what: &str, text: &str) {

@@ -115,7 +115,7 @@ impl WithRobot for Work<'_> {
         }
         let Loaded { config, .. } = &loaded;
         let real_time = &config.real_time;
-        print_failures(&loaded);
+        print_faults(&loaded);
         let names: Vec<_> =
             loaded.skills.iter().map(|skill| format!("`{}`", skill.model.skill)).collect();
         let shared = Shared::new(stop_flag().map_err(RunError::Signals)?);
@@ -163,13 +163,16 @@ impl WithRobot for Work<'_> {
     }
 }
 
-/// Which models are run although they failed their certificate.
-fn print_failures(loaded: &Loaded) {
+/// Which models are run although they failed their certificate, and which are given fewer frames.
+fn print_faults(loaded: &Loaded) {
     for model in loaded.skills.iter().map(|skill| &skill.model) {
         let count = model.failures().len();
         if count > 0 {
             let name = &model.skill;
             errln!("controller: the model of `{name}` fails its certificate in {count} points");
+        }
+        if let Some(text) = model.fewer_frames() {
+            errln!("controller: {text}");
         }
     }
 }

@@ -185,7 +185,9 @@ impl<const N: usize> Work<N> {
         let (life_cycle, reason) = status.read();
         let is_fault = life_cycle == LifeCycle::Fault;
         let done = match verb {
-            ControlVerb::Status => return Ok(status.mode().map_or(String::new(), |m| m.to_string())),
+            ControlVerb::Status => {
+                return Ok(status.mode().map_or(String::new(), |m| m.to_string()));
+            }
             ControlVerb::Start if is_fault => {
                 return Err(format!("{reason:?} has to be reset first: `controller ctl reset`"));
             }

@@ -63,7 +63,10 @@ pub fn warnings(skill: &Skill, demonstrations: &[Demonstration]) -> Vec<String> 
 
 /// Two groups of two demonstrations or more that end apart in the goal frame: which, and a sentence about it.
 /// Not where another order of quaternions explains it.
-pub(crate) fn two_ends(skill: &Skill, demonstrations: &[Demonstration]) -> Option<(Vec<bool>, String)> {
+pub(crate) fn two_ends(
+    skill: &Skill,
+    demonstrations: &[Demonstration],
+) -> Option<(Vec<bool>, String)> {
     let ends = Ends::new(skill, demonstrations);
     if skill.manifold.has_orientation() {
         let reordered = all_in_another_order(skill, demonstrations).is_some()
@@ -87,7 +90,8 @@ pub(crate) fn ends_like_the_others(
     let ends = Ends::new(skill, demonstrations);
     let apart = |end: usize| {
         let (here, middle) = (&ends.poses[end][index], &ends.poses[end][1 - index.min(1)]);
-        let others = if demonstrations.len() > 2 { &ends.poses[end][ends.middle[end]] } else { middle };
+        let others =
+            if demonstrations.len() > 2 { &ends.poses[end][ends.middle[end]] } else { middle };
         let rotates = skill.manifold.has_orientation();
         let angle = if rotates { here.rotation_from(others).length() } else { 0.0 };
         (here.position - others.position).length() > DISTANCE_FRACTION * ends.span_m

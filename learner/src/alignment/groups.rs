@@ -147,8 +147,7 @@ mod tests {
         assert!(split < 10, "{split} of 800 split");
         let mut wrong = 0;
         for _ in 0..200 {
-            let one: Vec<Vec<f64>> =
-                (0..9).map(|_| (0..3).map(|_| normal()).collect()).collect();
+            let one: Vec<Vec<f64>> = (0..9).map(|_| (0..3).map(|_| normal()).collect()).collect();
             wrong += usize::from(
                 one_group_from_the_others(&one).is_some_and(|groups| groups.smaller() > 1),
             );

@@ -152,8 +152,10 @@ fn as_recorded(mut demonstrations: Vec<Demonstration>, motions: &[Motion]) -> Al
     for (demonstration, motion) in demonstrations.iter_mut().zip(motions) {
         let (moving, dt) = (motion.moving.clone(), motion.sampling_time_s);
         let last = demonstration.poses.len() - 1;
+        let samples: Vec<f64> = moving.clone().map(|sample| sample as f64).collect();
+        demonstration.gripper = demonstration.gripper.take().map(|g| g.between_ends(&samples));
         alignments.push(Alignment {
-            samples: moving.clone().map(|sample| sample as f64).collect(),
+            samples,
             sampling_time_s: dt,
             pauses_s: 0.0,
             duration_s: (moving.len() - 1) as f64 * dt,
@@ -178,6 +180,7 @@ fn at_common_times(
     for (i, demonstration) in demonstrations.iter_mut().enumerate() {
         let (samples, dt) = (common.samples(i), motions[i].sampling_time_s);
         let mut poses: Vec<Pose> = resample::poses(&demonstration.poses, &samples);
+        demonstration.gripper = demonstration.gripper.take().map(|g| g.between_ends(&samples));
         let last = demonstration.poses.len() - 1;
         let moving = &motions[i].moving;
         // It begins and ends where it rests: at first, and at last.

@@ -243,6 +243,7 @@ mod tests {
                 other_frames: std::collections::BTreeMap::new(),
                 remarks: tprmp_model::skill_model::Remarks::default(),
                 poses: (0..400).map(sample).collect(),
+                gripper: None,
             }
         };
         let smoothing = Smoothing { window_s: 0.4, degree: 3, rest_speed_fraction: 0.01 };

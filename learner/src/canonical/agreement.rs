@@ -2,6 +2,7 @@
 //! others predict.
 
 use glam::{DQuat, DVec3};
+use tprmp_model::skill_model::lost_agreement;
 use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
 use tprmp_spatial::Pose;
 
@@ -16,13 +17,6 @@ use crate::skill::{AlignmentMethod, Skill};
 
 /// Fractions of the common time at which agreement is looked at, the ends included.
 pub const STEPS: usize = 41;
-/// The map is worse than a frame when the demonstrations lie so many times as far apart in it …
-const WORSE_RATIO: f64 = 3.0;
-/// … and by this fraction of the skill's span farther …
-const WORSE_FRACTION: f64 = 0.02;
-/// … at so many places in a row.
-const WORSE_STEPS: usize = 3;
-
 /// Two paths lie apart by this fraction of the span …
 const WAYS_FRACTION: f64 = 0.04;
 /// … or this angle \[rad\] …
@@ -79,32 +73,9 @@ impl Agreement {
     #[must_use]
     pub fn warnings(&self, skill: &Skill, demonstrations: &[Demonstration]) -> Vec<String> {
         let span_m = largest_span_m(demonstrations).max(skill.scale.position_span_min_m);
-        let names: Vec<&str> =
-            skill.named_frames(&demonstrations[0]).map(|(name, _)| name).collect();
-        let mut warnings = Vec::new();
-        for (seen, name) in self.frames.iter().zip(names) {
-            let worse = |step: &usize| {
-                let (map, frame) = (self.map[*step][0], seen[*step][0]);
-                map > WORSE_RATIO * frame && map - frame > WORSE_FRACTION * span_m
-            };
-            let steps: Vec<usize> = (0..STEPS).filter(worse).collect();
-            let in_a_row =
-                steps.windows(WORSE_STEPS).any(|w| w[WORSE_STEPS - 1] - w[0] < WORSE_STEPS);
-            if !in_a_row {
-                continue;
-            }
-            let (first, last) = (steps[0], steps[steps.len() - 1]);
-            let most = |of: &[[f64; 2]]| steps.iter().map(|step| of[*step][0]).fold(0.0, f64::max);
-            warnings.push(format!(
-                "from {:.0} to {:.0} % of the time the demonstrations agree to {:.1} mm seen from `{name}`, \
-                 and only to {:.1} mm in the map of all frames: the skill will pass it with that error",
-                percent(first),
-                percent(last),
-                1e3 * most(seen),
-                1e3 * most(&self.map),
-            ));
-        }
-        warnings
+        let names = skill.named_frames(&demonstrations[0]).map(|(name, _)| name);
+        let frames = names.zip(self.frames.iter().map(Vec::as_slice));
+        lost_agreement(frames, &self.map, span_m)
     }
 }
 
@@ -230,10 +201,9 @@ pub fn two_paths(
             .collect();
         split(&points)
     };
-    for (block, least, least_of_one) in [
-        (0, WAYS_FRACTION * span_m, WAYS_FRACTION_OF_ONE * span_m),
-        (1, WAYS_RAD, WAYS_RAD_OF_ONE),
-    ] {
+    for (block, least, least_of_one) in
+        [(0, WAYS_FRACTION * span_m, WAYS_FRACTION_OF_ONE * span_m), (1, WAYS_RAD, WAYS_RAD_OF_ONE)]
+    {
         let least = |groups: &Groups| if groups.smaller() > 1 { least } else { least_of_one };
         let found: Vec<(usize, Groups)> = (0..STEPS)
             .filter_map(|step| Some((step, groups(step, block)?)))

@@ -17,6 +17,17 @@ where
     deserializer.deserialize_seq(Bounded::<T, N>(PhantomData))
 }
 
+/// A list of at most N where there is one, for `deserialize_with`.
+pub(crate) fn some_at_most<'de, const N: usize, T, D>(
+    deserializer: D,
+) -> Result<Option<Vec<T>>, D::Error>
+where
+    T: Deserialize<'de>,
+    D: Deserializer<'de>,
+{
+    at_most::<N, T, D>(deserializer).map(Some)
+}
+
 struct Bounded<T, const N: usize>(PhantomData<T>);
 
 impl<'de, T: Deserialize<'de>, const N: usize> Visitor<'de> for Bounded<T, N> {

@@ -9,8 +9,9 @@ use serde::Deserialize;
 use tprmp_model::skill_model::{Manifold, Remarks, sha256_hex};
 use tprmp_spatial::Pose;
 
-use crate::demonstration::at_most::{Row, at_most};
+use crate::demonstration::at_most::{Row, at_most, some_at_most};
 use crate::demonstration::bounds::diagonal;
+use crate::demonstration::gripper::Gripper;
 use crate::file_error::{FileError, read_text};
 
 /// Schema version this module reads and writes.
@@ -60,6 +61,8 @@ pub struct Demonstration {
     pub remarks: Remarks,
     /// Poses of the tool in the robot's base frame; planar ones have z = 0 and no rotation.
     pub poses: Vec<Pose>,
+    /// What the gripper does, where it is known; as many samples.
+    pub gripper: Option<Gripper>,
 }
 
 impl Demonstration {
@@ -100,6 +103,10 @@ struct File {
     notes: Option<String>,
     frames: BTreeMap<String, FileFrame>,
     columns: Vec<String>,
+    #[serde(default, deserialize_with = "some_at_most::<SAMPLES_MAX, _, _>")]
+    gripper: Option<Vec<Option<String>>>,
+    #[serde(default, deserialize_with = "some_at_most::<SAMPLES_MAX, _, _>")]
+    gripper_width_m: Option<Vec<Option<f64>>>,
     #[serde(deserialize_with = "at_most::<SAMPLES_MAX, _, _>")]
     samples: Vec<Row<Option<f64>>>,
 }
@@ -135,6 +142,38 @@ pub fn read_folder(
     goal_frame: &str,
     other_frames: &[String],
 ) -> Result<Vec<Demonstration>, FileError> {
+    let demonstrations =
+        read_folder_with_all_frames(folder, skill, manifold, start_frame, goal_frame)?;
+    for demonstration in &demonstrations {
+        let file = folder.join(&demonstration.name);
+        let found = &demonstration.other_frames;
+        if let Some(name) = other_frames.iter().find(|name| !found.contains_key(*name)) {
+            let problem = "expected this frame, which the skill file names in `other_frames`";
+            return Err(FileError::key(&file, format!("frames.{name}"), problem));
+        }
+        if let Some(name) = found.keys().find(|name| !other_frames.contains(name)) {
+            let problem = format!(
+                "unknown frame; expected `{start_frame}`, `{goal_frame}`{}; the skill file may \
+                 name further ones in `other_frames`, or say `Auto` there",
+                other_frames.iter().map(|name| format!(", `{name}`")).collect::<String>()
+            );
+            return Err(FileError::key(&file, format!("frames.{name}"), problem));
+        }
+    }
+    Ok(demonstrations)
+}
+
+/// As [`read_folder`], with whatever further frames each file holds.
+///
+/// # Errors
+/// As [`read_folder`], but for the frames.
+pub fn read_folder_with_all_frames(
+    folder: &Path,
+    skill: &str,
+    manifold: Manifold,
+    start_frame: &str,
+    goal_frame: &str,
+) -> Result<Vec<Demonstration>, FileError> {
     let unreadable = |source| FileError::Read { path: folder.into(), source };
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
@@ -169,19 +208,6 @@ pub fn read_folder(
             let problem = format!("expected `{manifold}`, found `{}`", demonstration.manifold);
             return Err(FileError::key(&file, "manifold", problem));
         }
-        let found = &demonstration.other_frames;
-        if let Some(name) = other_frames.iter().find(|name| !found.contains_key(*name)) {
-            let problem = "expected this frame, which the skill file names in `other_frames`";
-            return Err(FileError::key(&file, format!("frames.{name}"), problem));
-        }
-        if let Some(name) = found.keys().find(|name| !other_frames.contains(name)) {
-            let problem = format!(
-                "unknown frame; expected `{start_frame}`, `{goal_frame}`{}; the skill file may \
-                 name further ones in `other_frames`",
-                other_frames.iter().map(|name| format!(", `{name}`")).collect::<String>()
-            );
-            return Err(FileError::key(&file, format!("frames.{name}"), problem));
-        }
         demonstrations.push(demonstration);
     }
     Ok(demonstrations)
@@ -192,7 +218,8 @@ pub fn read_folder(
 /// # Errors
 /// [`FileError`], naming file and key: missing, truncated, of another schema, numbers that are
 /// not finite or too large, rows of unequal length, too few points, quaternions that are not unit,
-/// frames that are missing, a sampling time that is not positive or too long.
+/// frames that are missing, a sampling time that is not positive or too long, a gripper that is not
+/// known at each sample.
 pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstration, FileError> {
     let text = read_text(path, BYTES_MAX)?;
     let file = parse(&text, path)?;
@@ -243,6 +270,7 @@ pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstr
     if !poses.iter().any(moves) {
         return fail("samples", "expected a motion, found a point that never moves".into());
     }
+    let gripper = Gripper::of_file(file.gripper, file.gripper_width_m, poses.len(), path)?;
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let sha256 = sha256_hex(text.as_bytes());
     let remarks = remarks(file.operator, file.notes, path)?;
@@ -258,6 +286,7 @@ pub fn read(path: &Path, start_frame: &str, goal_frame: &str) -> Result<Demonstr
         other_frames,
         remarks,
         poses,
+        gripper,
     })
 }
 
@@ -425,9 +454,10 @@ pub fn to_text(demonstration: &Demonstration, start_frame: &str, goal_frame: &st
         .into_iter()
         .filter_map(|(key, text)| Some(format!("\"{key}\": {},\n", quoted(text.as_ref()?))))
         .collect();
+    let gripper = demonstration.gripper.as_ref().map_or_else(String::new, Gripper::line);
     let mut text = format!(
         "{{\n\"schema\": \"{SCHEMA}\",\n\"skill\": {},\n\"manifold\": \"{}\",\n\
-         \"sampling_time_s\": {},\n{remarks}\"frames\": {{\n{}\n}},\n\"columns\": [{}],\n\"samples\": [\n",
+         \"sampling_time_s\": {},\n{remarks}\"frames\": {{\n{}\n}},\n\"columns\": [{}],\n{gripper}\"samples\": [\n",
         quoted(&demonstration.skill),
         demonstration.manifold,
         demonstration.sampling_time_s,

@@ -1,8 +1,9 @@
-//! Demonstrations: their files, and numbers in them that are hardly meant.
+//! Demonstrations: their files, what the gripper does in them, and numbers in them that are hardly meant.
 
 pub(crate) mod at_most;
 mod bounds;
 mod file;
+mod gripper;
 pub mod plausibility;
 
 pub use bounds::diagonal;
@@ -10,5 +11,7 @@ pub(crate) use file::largest_span_m;
 pub use file::{
     BYTES_MAX, DURATION_MAX_S, Demonstration, FileFrame, POINTS_MIN, POSITION_MAX_M, SAMPLES_MAX,
     SAMPLING_TIME_MIN_S, SCHEMA, columns, frame, mean_duration_s, other_frames, read, read_folder,
-    to_text,
+    read_folder_with_all_frames, to_text,
 };
+pub(crate) use gripper::check_width;
+pub use gripper::{Grip, Gripper, WIDTH_MAX_M};

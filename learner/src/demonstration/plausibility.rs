@@ -167,6 +167,7 @@ mod tests {
             other_frames: std::collections::BTreeMap::new(),
             remarks: Remarks::default(),
             poses: poses.collect(),
+            gripper: None,
         }
     }
 

@@ -15,6 +15,8 @@ pub(super) type Wrong = (String, String);
 /// Names of positions, with the number that a pose has there.
 const AXES: [&str; 3] = ["x", "y", "z"];
 const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
+/// Name of the column that says whether the gripper is open.
+const GRIPPER: &str = "gripper";
 /// Most frames in columns.
 const FRAMES_MAX: usize = 100;
 /// So many names that are not known are listed.
@@ -29,6 +31,17 @@ pub(super) enum Tool {
     Joints(Vec<usize>),
 }
 
+/// A column of the gripper's channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Channel {
+    /// Words, or 0 for open and 1 for closed.
+    Grips(usize),
+    /// Widths \[m\], or in the unit of positions.
+    Widths(usize),
+    /// Positions, closed at the end that `--closed` says.
+    Positions(usize),
+}
+
 /// The columns of a table by their meaning: indices among its names.
 #[derive(Debug)]
 pub(super) struct Columns {
@@ -40,21 +53,25 @@ pub(super) struct Columns {
     pub(super) velocity: Option<Vec<usize>>,
     /// Frames by name: positions of the manifold, then the quaternion where there is one.
     pub(super) frames: BTreeMap<String, Vec<usize>>,
+    /// The column of the gripper's position that `--closed` judges.
     pub(super) gripper: Option<usize>,
+    /// What the channel of the gripper is read from.
+    pub(super) channel: Option<Channel>,
     /// Names of columns that are not read.
     pub(super) ignored: Vec<String>,
 }
 
 impl Columns {
     /// Finds the columns; `joints` are the names of the robot's joints when there is one. Times may have to
-    /// be among them.
+    /// be among them, and a column `gripper` may say open or closed.
     pub(super) fn find(
         names: &[String],
         joints: Option<&[String]>,
         needs_time: bool,
+        has_words: bool,
         selection: &Selection,
     ) -> Result<Self, Wrong> {
-        let finder = Finder { names, selection };
+        let finder = Finder { names, selection, has_words };
         finder.check_twice()?;
         let time = finder.time()?;
         if needs_time && time.is_none() {
@@ -72,8 +89,10 @@ impl Columns {
             velocity: finder.velocity(manifold),
             frames: finder.frames(manifold)?,
             gripper: finder.gripper()?,
+            channel: None,
             ignored: Vec::new(),
         };
+        found.channel = finder.channel(found.gripper)?;
         let unread: Vec<usize> = (0..names.len()).filter(|i| !found.uses(*i)).collect();
         for i in unread {
             finder.refuse_nearly_known(&names[i], joints.unwrap_or_default(), &found)?;
@@ -91,7 +110,10 @@ impl Columns {
         let (Tool::Pose(tool) | Tool::Joints(tool)) = &self.tool;
         let time = self.time.iter().map(|(i, _)| i);
         let others = self.velocity.iter().chain(self.frames.values()).flatten();
-        tool.iter().chain(time).chain(others).chain(&self.gripper).copied()
+        let channel = self.channel.as_ref().map(|channel| match channel {
+            Channel::Grips(i) | Channel::Widths(i) | Channel::Positions(i) => i,
+        });
+        tool.iter().chain(time).chain(others).chain(&self.gripper).chain(channel).copied()
     }
 
     /// The ignored columns as a list for people; `None` when there are none.
@@ -113,6 +135,8 @@ impl Columns {
 struct Finder<'a> {
     names: &'a [String],
     selection: &'a Selection,
+    /// Whether a column `gripper` says open or closed; otherwise it is whatever a robot's state holds.
+    has_words: bool,
 }
 
 impl Finder<'_> {
@@ -274,17 +298,40 @@ impl Finder<'_> {
         Ok(found)
     }
 
+    /// The gripper's position, where the options ask for it.
     fn gripper(&self) -> Result<Option<usize>, Wrong> {
-        if self.selection.frame_at_closing.is_none() {
+        if self.selection.closed.is_none() {
             return Ok(None);
         }
-        let name = self.selection.gripper.as_deref().unwrap_or("gripper");
+        let name = self.selection.gripper_column();
         let found = self.at(name).or_else(|| self.at(&format!("{name}.pos")));
         let problem = || {
             let found = tprmp_files::shortened(&self.names.join(", "));
             format!("expected the gripper's column, found {found}; --gripper names another")
         };
         found.map(Some).ok_or_else(|| (name.into(), problem()))
+    }
+
+    /// The column of the gripper's channel: the one of its position, or else one that says by its name what
+    /// it is.
+    fn channel(&self, position: Option<usize>) -> Result<Option<Channel>, Wrong> {
+        let width = self.coordinate("gripper_width", "", "");
+        let word = self.at(GRIPPER).filter(|_| self.has_words);
+        match (width, position, word) {
+            (Some(width), Some(position), _) if position == width => {
+                Ok(Some(Channel::Widths(width)))
+            }
+            (Some(width), Some(other), _) | (Some(width), None, Some(other)) => {
+                let (width, other) = (&self.names[width], &self.names[other]);
+                let problem = format!(
+                    "expected one column of the gripper, found `{other}` too; leave one out by --ignore"
+                );
+                Err((width.clone(), problem))
+            }
+            (Some(width), None, None) => Ok(Some(Channel::Widths(width))),
+            (None, Some(position), _) => Ok(Some(Channel::Positions(position))),
+            (None, None, word) => Ok(word.map(Channel::Grips)),
+        }
     }
 
     /// A column that is not read, and differs from one that is looked for by case, unit or separators.
@@ -300,7 +347,7 @@ impl Finder<'_> {
             Some((frame, part)) if found.frames.contains_key(frame) => (format!("{frame}."), part),
             _ => (String::new(), name),
         };
-        let mut known = vec!["time_s"];
+        let mut known = vec!["time_s", "gripper_width_m"];
         if joints.is_empty() {
             known.extend(match space {
                 Some(manifold) => columns(manifold),

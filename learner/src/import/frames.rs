@@ -10,7 +10,7 @@ use tprmp_spatial::Pose;
 
 use super::selection::{Closed, Selection};
 use crate::demonstration::at_most::at_most;
-use crate::demonstration::{FileFrame, other_frames};
+use crate::demonstration::{FileFrame, Grip, other_frames};
 use crate::file_error::{FileError, read_text};
 
 /// Largest file of frames \[bytes\].
@@ -146,23 +146,36 @@ impl Frames {
     }
 }
 
-/// The first sample at which a gripper is closed after it was open, by its values.
-pub(super) fn first_closing(values: &[f64], closed: Closed) -> Result<usize, String> {
-    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
-    let greatest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+/// Whether a gripper is closed, by its values: past the middle of them; `None` when it does not move.
+pub(super) fn closed_where(values: &[f64], closed: Closed) -> Option<Vec<Grip>> {
+    let [least, greatest] = extremes(values);
     let moves = greatest - least > STROKE_MIN * least.abs().max(greatest.abs());
     let middle = least + 0.5 * (greatest - least);
     let is_closed = |value: &f64| match closed {
         Closed::Low => *value < middle,
         Closed::High => *value > middle,
     };
-    let closes = values.windows(2).position(|pair| !is_closed(&pair[0]) && is_closed(&pair[1]));
-    closes.filter(|_| moves).map(|i| i + 1).ok_or_else(|| {
+    let grip = |value| if is_closed(value) { Grip::Closed } else { Grip::Open };
+    moves.then(|| values.iter().map(grip).collect())
+}
+
+/// The first sample at which a gripper is closed after it was open, by its values.
+pub(super) fn first_closing(values: &[f64], closed: Closed) -> Result<usize, String> {
+    let grips = closed_where(values, closed).unwrap_or_default();
+    let closes = grips.windows(2).position(|pair| pair == [Grip::Open, Grip::Closed]);
+    closes.map(|i| i + 1).ok_or_else(|| {
+        let [least, greatest] = extremes(values);
         format!(
             "expected a gripper that closes once at least, found values from {least} to {greatest} that \
              never do: is --closed right?"
         )
     })
+}
+
+/// The least and the greatest of some values.
+fn extremes(values: &[f64]) -> [f64; 2] {
+    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+    [least, values.iter().copied().fold(f64::NEG_INFINITY, f64::max)]
 }
 
 #[cfg(test)]

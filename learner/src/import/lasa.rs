@@ -110,6 +110,7 @@ fn recording(demonstration: &Value, place: &str) -> Result<Recording, (String, S
         times_s,
         poses: positions.into_iter().map(unrotated).collect(),
         velocities,
+        gripper: None,
         notes: Vec::new(),
         ignored: None,
         has_own_unit: true,

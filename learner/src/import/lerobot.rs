@@ -74,7 +74,7 @@ pub(super) fn read(
         FileError::input(&path, format!("key `features`, column `{column}`"), problem)
     };
     let joint_names = joints.as_ref().map(|joints| &joints.names[..]);
-    let columns = Columns::find(&names, joint_names, true, selection).map_err(in_column)?;
+    let columns = Columns::find(&names, joint_names, true, false, selection).map_err(in_column)?;
     let goal_is_known = !columns.frames.is_empty() || selection.frame_at_closing.is_some();
     let frames = FrameFile::read(&folder.join("frames.json"), !goal_is_known, selection)?;
     let mut reader = Reader {

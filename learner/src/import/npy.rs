@@ -75,7 +75,8 @@ pub(super) fn read(
         FileError::input(&layout_path, format!("key `columns`, column `{column}`"), problem)
     };
     let names = joints.as_ref().map(|joints| &joints.names[..]);
-    let columns = Columns::find(&layout.columns, names, false, selection).map_err(in_column)?;
+    let columns =
+        Columns::find(&layout.columns, names, false, true, selection).map_err(in_column)?;
     let times = Times::new(&layout, &columns, array.rows()).map_err(|(key, e)| fail(&key, e))?;
     if array.blocks() > DEMONSTRATIONS_MAX {
         let found = array.blocks();

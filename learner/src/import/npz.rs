@@ -1,6 +1,7 @@
 //! Arrays of one demonstration in a NumPy archive (`np.savez`, `np.savez_compressed`):
 //! `time_s` (N), `poses` (N×2, N×3 or N×7: x y z qw qx qy qz) and `frames/<name>` (7 numbers).
 //!
+//! `gripper` (N, 0 for open and 1 for closed) or `gripper_width_m` (N) say what the gripper does.
 //! `velocities` (N×2 or more, linear first) are compared with the times when they are there. Other
 //! arrays are named in the summary; those that are nearly known are refused. Arrays hold little-endian floats or integers of 4 or 8 bytes.
 
@@ -19,7 +20,9 @@ use super::clock::{Clock, Stamp};
 use super::names::nearly;
 use super::recording::Recording;
 use super::rows::{pose_of, read_bytes, vector_of};
+use super::samples::{check_grip, gripper_note, grips_of};
 use super::selection::{Selection, TimeUnit};
+use crate::demonstration::{Gripper, check_width};
 use crate::file_error::FileError;
 
 /// Most unpacked bytes of an array: its numbers and its header.
@@ -27,7 +30,7 @@ const ARRAY_BYTES_MAX: u64 = (8 * NUMBERS_MAX + (1 << 16)) as u64;
 /// Most arrays of an archive, counted before its directory is read.
 const ARRAYS_MAX: usize = 1000;
 /// Names of arrays.
-const KNOWN: [&str; 3] = ["poses", "time_s", "velocities"];
+const KNOWN: [&str; 5] = ["gripper", "gripper_width_m", "poses", "time_s", "velocities"];
 /// How an entry of the directory begins.
 const DIRECTORY_ENTRY: &[u8] = b"PK\x01\x02";
 
@@ -56,6 +59,7 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, File
     let times_s = times.values.iter().map(seconds).collect::<Result<Vec<_>, _>>();
     let times_s = times_s.map_err(|problem| archive.refuse("time_s", problem))?;
     let velocities = archive.velocities(rows, manifold.position_dimension())?;
+    let gripper = archive.gripper(rows)?;
     let [start, goal] = selection.frames(manifold);
     let (start_frame, goal_frame) =
         (archive.frame(&start, manifold)?, archive.frame(&goal, manifold)?);
@@ -81,7 +85,8 @@ pub(super) fn read(path: &Path, selection: &Selection) -> Result<Recording, File
         times_s,
         poses: (0..rows).map(pose).collect::<Result<_, _>>()?,
         velocities,
-        notes: clock.note().into_iter().collect(),
+        notes: clock.note().into_iter().chain(gripper.as_ref().map(gripper_note)).collect(),
+        gripper,
         ignored: archive.ignored(),
         has_own_unit: false,
     })
@@ -196,6 +201,40 @@ impl<'a> Archive<'a> {
         Ok(Some(
             (0..rows).map(|i| vector_of(&array.row(i)[..columns_min]) * self.length_m).collect(),
         ))
+    }
+
+    /// What the gripper does, where there is an array of it: 0 for open and 1 for closed, or widths [m].
+    fn gripper(&mut self, rows: usize) -> Result<Option<Gripper>, FileError> {
+        let has = |name: &str| self.names.iter().any(|other| other == name);
+        let name = match (has("gripper"), has("gripper_width_m")) {
+            (false, false) => return Ok(None),
+            (true, true) => {
+                let problem = "expected this array or `gripper_width_m`, found both";
+                return Err(self.refuse("gripper", problem.into()));
+            }
+            (true, false) => "gripper",
+            (false, true) => "gripper_width_m",
+        };
+        let values = self.array(name)?.values;
+        if values.len() != rows {
+            let problem = format!("expected {rows} values, one a pose, found {}", values.len());
+            return Err(self.refuse(name, problem));
+        }
+        let is_width = name == "gripper_width_m";
+        let checked = values.iter().enumerate().map(|(i, value)| {
+            let value = if is_width {
+                check_width(Some(value * self.length_m))
+            } else {
+                check_grip(*value)
+            };
+            value.map_err(|problem| self.refuse(name, format!("row {i}: {problem}")))
+        });
+        let checked = checked.collect::<Result<Vec<_>, _>>()?;
+        Ok(Some(if is_width {
+            Gripper::Widths(checked)
+        } else {
+            Gripper::Grips(grips_of(&checked))
+        }))
     }
 
     fn frame(&mut self, name: &str, manifold: Manifold) -> Result<Pose, FileError> {

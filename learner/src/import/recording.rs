@@ -9,11 +9,11 @@ use tprmp_model::skill_model::{Manifold, Remarks};
 use tprmp_spatial::Pose;
 
 use super::holes::Holes;
-use super::resampling::resample;
+use super::resampling::{even_places, resample};
 use super::selection::Selection;
 use crate::demonstration::{
-    DURATION_MAX_S, Demonstration, POINTS_MIN, POSITION_MAX_M, SAMPLES_MAX, SAMPLING_TIME_MIN_S,
-    diagonal, plausibility::SPAN_MAX_M,
+    DURATION_MAX_S, Demonstration, Gripper, POINTS_MIN, POSITION_MAX_M, SAMPLES_MAX,
+    SAMPLING_TIME_MIN_S, diagonal, plausibility::SPAN_MAX_M,
 };
 use crate::file_error::FileError;
 
@@ -46,6 +46,8 @@ pub(super) struct Recording {
     pub(super) poses: Vec<Pose>,
     /// Recorded velocities of the position [m/s]; as many.
     pub(super) velocities: Option<Vec<DVec3>>,
+    /// What the gripper does; as many.
+    pub(super) gripper: Option<Gripper>,
     /// What else is to be said of it.
     pub(super) notes: Vec<String>,
     /// What was not read.
@@ -91,12 +93,13 @@ impl Recording {
         let warning = holes.warning(path);
         let recorded = self.poses.len();
         let steps = self.steps(path, duration_s, selection)?;
-        let (sampling_time_s, poses) = match steps {
+        let (sampling_time_s, poses, gripper) = match steps {
             Some(steps) => {
                 let poses = resample(&self.times_s, &self.poses, steps, selection.interpolation);
-                (duration_s / steps as f64, poses)
+                let gripper = self.gripper.map(|g| g.at(&even_places(&self.times_s, steps)));
+                (duration_s / steps as f64, poses, gripper)
             }
-            None => (even_s, self.poses),
+            None => (even_s, self.poses, self.gripper),
         };
         let summary = summary(
             self.manifold,
@@ -116,6 +119,7 @@ impl Recording {
             other_frames: self.other_frames,
             remarks: Remarks::default(),
             poses,
+            gripper,
         };
         if selection.unit.is_none() && !self.has_own_unit {
             check_unit(&demonstration).map_err(fail)?;
@@ -133,6 +137,11 @@ impl Recording {
             keep(&mut self.poses, &is_new);
             if let Some(velocities) = &mut self.velocities {
                 keep(velocities, &is_new);
+            }
+            match &mut self.gripper {
+                Some(Gripper::Grips(grips)) => keep(grips, &is_new),
+                Some(Gripper::Widths(widths_m)) => keep(widths_m, &is_new),
+                None => {}
             }
             self.notes.push(format!("{dropped} samples of duplicate stamps dropped"));
         }
@@ -368,6 +377,7 @@ mod tests {
             times_s,
             poses,
             velocities: None,
+            gripper: None,
             notes: Vec::new(),
             ignored: None,
             has_own_unit: false,

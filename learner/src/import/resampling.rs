@@ -33,6 +33,22 @@ pub(super) fn resample(
     std::iter::once(poses[0]).chain(inner).chain([poses[last]]).collect()
 }
 
+/// Samples with their fractions at `steps` + 1 even times from the first to the last of the times [s], which
+/// grow.
+pub(super) fn even_places(times_s: &[f64], steps: usize) -> Vec<f64> {
+    let last = times_s.len() - 1;
+    let (first_s, duration_s) = (times_s[0], times_s[last] - times_s[0]);
+    let mut i = 0;
+    let inner = (1..steps).map(|k| {
+        let t = first_s + duration_s * (k as f64 / steps as f64);
+        while i + 2 <= last && times_s[i + 1] <= t {
+            i += 1;
+        }
+        i as f64 + ((t - times_s[i]) / (times_s[i + 1] - times_s[i])).clamp(0.0, 1.0)
+    });
+    std::iter::once(0.0).chain(inner).chain([last as f64]).collect()
+}
+
 /// Samples as vectors of four: the position and a zero, the quaternion.
 struct Curve<'a> {
     times_s: &'a [f64],

@@ -8,12 +8,13 @@ use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::Pose;
 
 use super::clock::{Clock, Stamp};
-use super::columns::{Columns, Tool, Wrong};
-use super::frames::{FrameFile, Frames, first_closing};
+use super::columns::{Channel, Columns, Tool, Wrong};
+use super::frames::{FrameFile, Frames, closed_where, first_closing};
 use super::joints::Joints;
 use super::recording::Recording;
 use super::rows::{pose_of, vector_of};
 use super::selection::{Selection, TimeUnit};
+use crate::demonstration::{Grip, Gripper, check_width};
 use crate::file_error::FileError;
 
 /// What is wrong with the quaternion of a row is said at this column.
@@ -29,6 +30,7 @@ pub(super) struct Samples<'a> {
     poses: Vec<Pose>,
     velocities: Vec<DVec3>,
     gripper: Vec<f64>,
+    channel: Vec<f64>,
     /// Frames at the first row.
     frames: BTreeMap<String, Pose>,
 }
@@ -49,6 +51,7 @@ impl<'a> Samples<'a> {
             poses: Vec::new(),
             velocities: Vec::new(),
             gripper: Vec::new(),
+            channel: Vec::new(),
             frames: BTreeMap::new(),
         }
     }
@@ -86,6 +89,17 @@ impl<'a> Samples<'a> {
         if let Some(column) = self.columns.gripper {
             self.gripper.push(number(column)?);
         }
+        match self.columns.channel {
+            Some(Channel::Grips(column)) => {
+                let value = check_grip(number(column)?);
+                self.channel.push(value.map_err(|problem| ("gripper".into(), problem))?);
+            }
+            Some(Channel::Widths(column)) => {
+                let width_m = check_width(Some(number(column)? * length_m));
+                self.channel.push(width_m.map_err(|problem| ("gripper_width_m".into(), problem))?);
+            }
+            Some(Channel::Positions(_)) | None => {}
+        }
         if self.poses.is_empty() {
             for (name, columns) in &self.columns.frames {
                 let row: Vec<f64> = numbers(columns)?;
@@ -117,12 +131,24 @@ impl<'a> Samples<'a> {
         if let (Some(name), Some(closed)) =
             (&self.selection.frame_at_closing, self.selection.closed)
         {
-            let column = self.selection.gripper.as_deref().unwrap_or("gripper");
+            let column = self.selection.gripper_column();
             let fail =
                 |problem| FileError::input(path, format!("{place}, column `{column}`"), problem);
             let i = first_closing(&self.gripper, closed).map_err(fail)?;
             notes.push(format!("frame {name} where the gripper closes first, sample {i}"));
             frames.add(name.clone(), self.poses[i], path)?;
+        }
+        let gripper = match (self.columns.channel, self.selection.closed) {
+            (Some(Channel::Grips(_)), _) => Some(Gripper::Grips(grips_of(&self.channel))),
+            (Some(Channel::Widths(_)), _) => Some(Gripper::Widths(self.channel)),
+            (Some(Channel::Positions(_)), Some(closed)) => {
+                closed_where(&self.gripper, closed).map(Gripper::Grips)
+            }
+            (Some(Channel::Positions(_)) | None, _) => None,
+        };
+        notes.extend(gripper.as_ref().map(gripper_note));
+        if gripper.is_none() && self.columns.channel.is_some() {
+            notes.push("the gripper does not move".into());
         }
         let may_begin = file.is_none() || self.joints.is_some();
         let first = self.poses.first().filter(|_| may_begin);
@@ -137,10 +163,42 @@ impl<'a> Samples<'a> {
             times_s: self.times_s,
             poses: self.poses,
             velocities: self.columns.velocity.is_some().then_some(self.velocities),
+            gripper,
             notes,
             ignored: self.columns.ignored_text(),
             has_own_unit: false,
         })
+    }
+}
+
+/// A number of a column `gripper`.
+pub(super) fn check_grip(value: f64) -> Result<f64, String> {
+    if value == 0.0 || value == 1.0 {
+        return Ok(value);
+    }
+    Err(format!(
+        "expected `open`, `closed`, 0 (open) or 1 (closed), found {value}; --closed low or high reads positions \
+         of a gripper, --ignore gripper leaves it out"
+    ))
+}
+
+/// Of numbers that are 0 or 1.
+pub(super) fn grips_of(values: &[f64]) -> Vec<Grip> {
+    values.iter().map(|value| if *value == 0.0 { Grip::Open } else { Grip::Closed }).collect()
+}
+
+/// What was read of the gripper.
+pub(super) fn gripper_note(gripper: &Gripper) -> String {
+    match gripper {
+        Gripper::Grips(grips) => {
+            let closed = grips.iter().filter(|grip| **grip == Grip::Closed).count();
+            format!("gripper closed in {closed} samples of {}", grips.len())
+        }
+        Gripper::Widths(widths_m) => {
+            let least = widths_m.iter().copied().fold(f64::INFINITY, f64::min);
+            let greatest = widths_m.iter().copied().fold(0.0, f64::max);
+            format!("gripper {:.1} to {:.1} mm wide", 1e3 * least, 1e3 * greatest)
+        }
     }
 }
 

@@ -170,7 +170,8 @@ pub struct Selection {
     /// Column of the gripper
     #[arg(long, value_name = "NAME", default_value = "gripper")]
     pub gripper: Option<String>,
-    /// At which end of its values the gripper is closed
+    /// At which end of its values the gripper is closed; with it the column of --gripper, past the middle
+    /// of its values, tells whether the gripper is open
     #[arg(long, value_enum)]
     pub closed: Option<Closed>,
     /// Feature of a LeRobot folder that holds the robot's state
@@ -182,6 +183,11 @@ pub struct Selection {
 }
 
 impl Selection {
+    /// The column of the gripper's position.
+    pub(super) fn gripper_column(&self) -> &str {
+        self.gripper.as_deref().unwrap_or("gripper")
+    }
+
     /// Names of start and goal frame.
     pub(super) fn frames(&self, manifold: Manifold) -> [String; 2] {
         let [start, goal] = match manifold {

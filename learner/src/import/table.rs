@@ -10,13 +10,14 @@ use std::path::Path;
 use csv::StringRecord;
 
 use super::clock::Stamp;
-use super::columns::{Columns, Wrong};
+use super::columns::{Channel, Columns, Wrong};
 use super::frames::FrameFile;
 use super::joints::Joints;
 use super::recording::Recording;
 use super::rows::{ROWS_MAX, read_bytes};
 use super::samples::Samples;
 use super::selection::Selection;
+use crate::demonstration::Grip;
 use crate::file_error::FileError;
 
 /// Longest line [bytes]: a thousand columns.
@@ -49,7 +50,7 @@ pub(super) fn read(
         .map_err(|problem| refuse("line 1".into(), problem))?;
     let in_column = |(column, problem): Wrong| refuse(format!("column `{column}`"), problem);
     let joint_names = joints.as_ref().map(|joints| &joints.names[..]);
-    let columns = Columns::find(&names, joint_names, true, selection).map_err(in_column)?;
+    let columns = Columns::find(&names, joint_names, true, true, selection).map_err(in_column)?;
     let time = columns.time.map_or(0, |(time, _)| time);
 
     let mut samples = Samples::new(&columns, joints, selection);
@@ -63,6 +64,12 @@ pub(super) fn read(
         }
         let cell = |i: usize| record.get(i).unwrap_or_default();
         let number = |i: usize| {
+            let is_word = matches!(columns.channel, Some(Channel::Grips(column)) if column == i);
+            match Grip::of_word(cell(i)).filter(|_| is_word) {
+                Some(Grip::Open) => return Ok(0.0),
+                Some(Grip::Closed) => return Ok(1.0),
+                None => {}
+            }
             let number = cell(i).parse::<f64>().ok().filter(|x| x.is_finite());
             number.ok_or_else(|| (names[i].clone(), not_a_number(cell(i))))
         };

@@ -161,6 +161,7 @@ fn recording(
         times_s: (0..foreign.positions.len()).map(|i| i as f64 * dt).collect(),
         poses: foreign.positions.iter().enumerate().map(sample).collect::<Result<_, _>>()?,
         velocities: None,
+        gripper: None,
         notes: Vec::new(),
         ignored: None,
         has_own_unit: true,

@@ -13,8 +13,8 @@ use std::sync::mpsc;
 
 use rayon::prelude::*;
 
-use crate::alignment::rest::DemonstrationError;
 use crate::alignment::Aligned;
+use crate::alignment::rest::DemonstrationError;
 use crate::canonical::CanonicalSet;
 use crate::mixture::tp_gmm::Samples;
 use crate::skill::Skill;

@@ -32,6 +32,9 @@ const FORCE_PX: [f64; 2] = [4.0, 70.0];
 /// How far from its path the point lies at which forces are drawn, in fractions of the distance from
 /// start to end.
 const ASIDE: f64 = 0.08;
+/// Where the gripper does something: colour and radius [px].
+const GRIPPER: &str = "#d62728";
+const GRIPPER_RADIUS_PX: f64 = 4.0;
 /// Outline of a Gaussian on a field.
 const OUTLINE: &str = "#3c4650";
 const DEMONSTRATION: Stroke = Stroke::solid(GREY, 1.3);
@@ -94,16 +97,18 @@ pub(super) fn modes(planar: bool, frame: &str, modes: &[Vec<Vec<DVec3>>]) -> Fig
     canvas.figure("Modes".into(), &legend, panels, None)
 }
 
-/// Gaussians in canonical coordinates, with the demonstrations there.
+/// Gaussians in canonical coordinates, with the demonstrations there, and marks where the gripper does
+/// something.
 pub(super) fn gaussians(
     planar: bool,
     frames: &[(&str, Pose)],
     demonstrations: &[Vec<Canonical>],
     gaussians: &[Ellipsoid],
+    marks: &[DVec3],
 ) -> Figure {
     let positions = |path: &Vec<Canonical>| path.iter().map(|y| y.position).collect();
     let paths: Vec<Vec<DVec3>> = demonstrations.iter().map(positions).collect();
-    mixture(planar, "Gaussians in canonical coordinates", frames, &paths, gaussians)
+    mixture(planar, "Gaussians in canonical coordinates", frames, &paths, gaussians, marks)
 }
 
 /// What a frame sees: the demonstrations, and the mixture in its coordinates.
@@ -119,7 +124,7 @@ pub(super) struct SeenFromFrame {
 /// Demonstrations and Gaussians seen from a frame  [thesis fig. 3.2b].
 pub(super) fn seen_from(planar: bool, seen: &SeenFromFrame) -> Figure {
     let title = format!("Seen from the frame “{}”", seen.name);
-    mixture(planar, &title, &[(&seen.name, Pose::IDENTITY)], &seen.paths, &seen.gaussians)
+    mixture(planar, &title, &[(&seen.name, Pose::IDENTITY)], &seen.paths, &seen.gaussians, &[])
 }
 
 fn mixture(
@@ -128,6 +133,7 @@ fn mixture(
     frames: &[(&str, Pose)],
     paths: &[Vec<DVec3>],
     gaussians: &[Ellipsoid],
+    marks: &[DVec3],
 ) -> Figure {
     let ends = gaussians.iter().flat_map(|g| g.ends(DEVIATIONS));
     let origins = frames.iter().map(|(_, frame)| frame.position);
@@ -145,6 +151,9 @@ fn mixture(
         for g in gaussians {
             panel.dot(view.point(g.mean), 3.0, &of_phase(g.phase));
         }
+        for mark in marks {
+            panel.dot(view.point(*mark), GRIPPER_RADIUS_PX, GRIPPER);
+        }
         let mut in_the_way: Vec<DVec2> = paths.iter().flatten().map(|p| view.point(*p)).collect();
         for g in gaussians {
             in_the_way.extend(outline(*view, g));
@@ -159,6 +168,9 @@ fn mixture(
     }
     let mut legend =
         vec![("demonstration", Sign::Line(DEMONSTRATION)), ("frame", canvas.frame_sign())];
+    if !marks.is_empty() {
+        legend.push(("gripper changes", Sign::Dot(GRIPPER)));
+    }
     let mut bar = None;
     if !gaussians.is_empty() {
         legend.insert(1, ("Gaussian, 2σ", Sign::Ellipse("#21918c")));

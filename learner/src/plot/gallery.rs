@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3};
 use tprmp_drawing::{Ellipsoid, Figure, Picture, Scale};
-use tprmp_model::skill_model::{self, EvaluationError, Manifold, SkillModel};
+use tprmp_model::skill_model::{self, EvaluationError, GripperEvent, Manifold, SkillModel};
 use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
 use tprmp_spatial::Pose;
 
@@ -154,12 +154,19 @@ impl<'a> Gallery<'a> {
         let (model, planar) = (self.skill.model, self.skill.planar());
         let names = self.frames.iter().map(|(name, _)| *name);
         let placed: Vec<(&str, Pose)> = names.zip(mean_frames.iter().copied()).collect();
-        let figure = figures::gaussians(planar, &placed, &self.paths, &self.gaussians);
+        let figure = figures::gaussians(
+            planar,
+            &placed,
+            &self.paths,
+            &self.gaussians,
+            &self.gripper_marks(),
+        );
         let caption = format!(
             "The K = {} Gaussians of the mixture in canonical coordinates, in which all \
-             demonstrations have their frames in common: ellipses at two standard deviations{}.",
+             demonstrations have their frames in common: ellipses at two standard deviations{}.{}",
             self.gaussians.len(),
-            if planar { "" } else { ", the outlines of the ellipsoids" }
+            if planar { "" } else { ", the outlines of the ellipsoids" },
+            self.gripper_text()
         );
         self.add("gaussians", &figure, caption);
         let dimension = model.manifold.position_dimension();
@@ -182,6 +189,25 @@ impl<'a> Gallery<'a> {
             let figure = figures::seen_from(planar, &seen);
             self.add(&format!("seen-from-frame-{}", i + 1), &figure, caption);
         }
+    }
+
+    /// Where the gripper does something, on each demonstration.
+    fn gripper_marks(&self) -> Vec<DVec3> {
+        let at = |event: &GripperEvent| {
+            let fraction = event.time_fraction;
+            let place = move |path: &Vec<Canonical>| {
+                path[(fraction * (path.len() - 1) as f64).round() as usize].position
+            };
+            self.paths.iter().map(place)
+        };
+        self.skill.model.gripper.iter().flat_map(at).collect()
+    }
+
+    /// What it does there.
+    fn gripper_text(&self) -> String {
+        let count = self.skill.model.provenance.demonstrations.len();
+        let events = self.skill.model.gripper.iter();
+        events.map(|event| format!(" The {}.", event.described(count))).collect()
     }
 
     /// The policy with the frames at their mean poses.

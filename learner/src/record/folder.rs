@@ -94,6 +94,7 @@ mod tests {
             other_frames: std::collections::BTreeMap::new(),
             remarks: Remarks::default(),
             poses: (0..points).map(|i| at(f64::from(i) * 0.125)).collect(),
+            gripper: None,
         }
     }
 

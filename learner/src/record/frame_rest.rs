@@ -60,7 +60,7 @@ impl FramesRest {
     pub(super) fn update(&mut self, now_ns: u64, frames: &Frames) {
         self.now_ns = now_ns;
         for (recent, status) in self.recent.iter_mut().zip(frames) {
-            recent.extend(status.ok().map(|pose| Sample { time_ns: now_ns, pose }));
+            recent.extend(status.ok().map(|pose| Sample { time_ns: now_ns, pose, grip: None }));
             while recent.front().is_some_and(|s| now_ns - s.time_ns > self.bounds.rest_ns()) {
                 recent.pop_front();
             }

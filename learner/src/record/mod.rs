@@ -14,6 +14,7 @@ mod cut;
 mod error;
 mod folder;
 mod frame_rest;
+mod grips;
 mod intake;
 mod joint_noise;
 #[cfg(test)]

@@ -15,6 +15,7 @@ use super::intake::{Frames, NO_FRAMES};
 use super::noisy::Gaussian;
 use super::recorder::{Event, Recorder, Stage};
 use super::recording::{Recorded, Task};
+use super::rest::Sample;
 use super::statistics::{Extent, Offset};
 
 const START: [f64; 6] = [0.3, -1.4, 1.6, -1.7, -1.57, 0.2];
@@ -144,7 +145,11 @@ impl Bench {
             self.seen[0] = Ok(self.gaussian.pose(&self.goal, self.case.camera));
         }
         let pose = self.measured();
-        match self.recorder.observe(self.time_ns, pose, self.seen, 0) {
+        match self.recorder.observe(
+            Sample { time_ns: self.time_ns, pose, grip: None },
+            self.seen,
+            0,
+        ) {
             None => {}
             Some(Event::Begun { .. }) => self.begun += 1,
             Some(Event::Recorded(recorded)) => self.recorded.push(*recorded),

@@ -11,7 +11,6 @@
 //! a refusal the arm has to rest first, so that no second half of a motion counts as a whole one.
 
 use tprmp_model::skill_model::FRAME_CAPACITY;
-use tprmp_spatial::Pose;
 
 use super::frame_rest::{Drift, FramesRest, RestingFrame};
 use super::intake::{Frames, NO_FRAMES, Unusable};
@@ -138,17 +137,16 @@ impl Recorder {
         drifts.filter_map(|(i, drift)| Some((i, (*drift)?))).find(|(_, drift)| drift.moves())
     }
 
-    /// Handles where the tool was at `time_ns` [ns], later than the sample before, and what is
-    /// known of the frames; `skipped` states are missing before it.
+    /// Handles where the tool was, later than the sample before, and what is known of the frames;
+    /// `skipped` states are missing before it.
     pub(super) fn observe(
         &mut self,
-        time_ns: u64,
-        pose: Pose,
+        sample: Sample,
         frames: Frames,
         skipped: u64,
     ) -> Option<Event> {
+        let time_ns = sample.time_ns;
         let elapsed_ns = self.tool.newest_ns().map_or(0, |last| time_ns - last);
-        let sample = Sample { time_ns, pose };
         let judged = self.tool.update(sample);
         self.frames = frames;
         self.frames_rest.update(time_ns, &frames);

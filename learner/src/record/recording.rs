@@ -8,6 +8,7 @@ use tprmp_spatial::Pose;
 use super::bounds::Bounds;
 use super::cut::{Cut, Motion};
 use super::frame_rest::RestingFrame;
+use super::grips;
 use super::intake::Frames;
 use super::rest::Sample;
 use super::statistics::Extent;
@@ -148,7 +149,11 @@ impl Recording {
     /// The demonstration; what is missing for one, when there is none.
     pub(super) fn finish(self, task: &Task) -> Result<Recorded, String> {
         let Cut { kept, start, .. } = self.cut(task)?;
-        let mut poses = resample(&self.samples[kept], task.sampling_time_s);
+        let kept = kept.start..grips::end(&self.samples, kept.end, task.sampling_time_s);
+        let samples = &self.samples[kept];
+        let places = places(samples, task.sampling_time_s);
+        let mut poses = resample(samples, &places);
+        let (gripper, unknown) = grips::at(samples, &places);
         if poses.len() < POINTS_MIN {
             return Err(format!(
                 "it has {} samples, at least {POINTS_MIN} are needed",
@@ -178,7 +183,8 @@ impl Recording {
                 pose.orientation = DQuat::IDENTITY;
             }
         }
-        let notes = self.notes(task, (poses[0].position - start.position).length());
+        let mut notes = self.notes(task, (poses[0].position - start.position).length());
+        notes.extend(unknown);
         let demonstration = Demonstration {
             name: String::new(),
             sha256: String::new(),
@@ -190,6 +196,7 @@ impl Recording {
             other_frames,
             remarks: Remarks::default(),
             poses,
+            gripper,
         };
         Ok(Recorded { demonstration, notes })
     }
@@ -221,20 +228,32 @@ impl Recording {
     }
 }
 
-/// Poses at even times from the first sample on, as far as the samples go: on straight lines and
-/// at a constant angular velocity in between. Neighbouring quaternions are on one side of the sphere.
-fn resample(samples: &[Sample], sampling_time_s: f64) -> Vec<Pose> {
-    let [first, .., last] = samples else { return samples.iter().map(|s| s.pose).collect() };
+/// Even times from the first sample on, as far as the samples go: the sample before each, and what fraction of
+/// the way to the next one it lies.
+fn places(samples: &[Sample], sampling_time_s: f64) -> Vec<(usize, f64)> {
+    let [first, .., last] = samples else { return samples.iter().map(|_| (0, 0.0)).collect() };
     let step_ns = (sampling_time_s * 1e9).round() as u64;
-    let mut poses: Vec<Pose> = Vec::new();
     let mut i = 0;
-    for time_ns in (first.time_ns..=last.time_ns).step_by(step_ns as usize) {
+    let place = |time_ns: u64| {
         while i + 2 < samples.len() && samples[i + 1].time_ns <= time_ns {
             i += 1;
         }
         let (a, b) = (&samples[i], &samples[i + 1]);
-        let fraction = (time_ns - a.time_ns) as f64 / (b.time_ns - a.time_ns) as f64;
-        let Pose { position, orientation } = a.pose.interpolate(&b.pose, fraction);
+        (i, (time_ns - a.time_ns) as f64 / (b.time_ns - a.time_ns) as f64)
+    };
+    (first.time_ns..=last.time_ns).step_by(step_ns as usize).map(place).collect()
+}
+
+/// Poses at places between samples: on straight lines and at a constant angular velocity. Neighbouring
+/// quaternions are on one side of the sphere.
+fn resample(samples: &[Sample], places: &[(usize, f64)]) -> Vec<Pose> {
+    if samples.len() < 2 {
+        return samples.iter().map(|s| s.pose).collect();
+    }
+    let mut poses: Vec<Pose> = Vec::with_capacity(places.len());
+    for (i, fraction) in places {
+        let (a, b) = (&samples[*i], &samples[i + 1]);
+        let Pose { position, orientation } = a.pose.interpolate(&b.pose, *fraction);
         let orientation = orientation.normalize();
         let far_side = poses.last().is_some_and(|before| before.orientation.dot(orientation) < 0.0);
         let orientation = if far_side { -orientation } else { orientation };
@@ -286,7 +305,7 @@ mod tests {
                 .map(|(i, time_ns)| {
                     let Pose { position, orientation } = pose(time_ns);
                     let orientation = if i % 2 == 0 { orientation } else { -orientation };
-                    Sample { time_ns, pose: Pose { position, orientation } }
+                    Sample { time_ns, pose: Pose { position, orientation }, grip: None }
                 })
                 .collect(),
             begun_ns: 700_000_000,

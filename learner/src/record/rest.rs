@@ -15,6 +15,7 @@ use tprmp_spatial::Pose;
 
 use super::bounds::Bounds;
 use super::statistics::{Extent, NOISE_SAMPLES, Offset, centre, pose_noise};
+use crate::demonstration::Grip;
 
 /// States are judged no more often than this [ns]: they may follow each other much faster.
 const JUDGED_NS: u64 = 20_000_000;
@@ -26,6 +27,8 @@ pub(super) struct Sample {
     pub(super) time_ns: u64,
     /// X_BE.
     pub(super) pose: Pose,
+    /// What the gripper senses; `None` where it is not known.
+    pub(super) grip: Option<Grip>,
 }
 
 /// From one pose to another, in what a skill on this manifold moves.

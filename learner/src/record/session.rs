@@ -5,7 +5,9 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use tprmp_files::outln;
-use tprmp_messages::{Instance, OBSERVER_BUFFER, ObserverPorts, RobotState, name_bytes, stop_flag};
+use tprmp_messages::{
+    GripperState, Instance, OBSERVER_BUFFER, ObserverPorts, RobotState, name_bytes, stop_flag,
+};
 use tprmp_model::controller_config;
 
 use super::announcer::{Announcer, Status, View};
@@ -17,6 +19,8 @@ use super::joint_noise::JointNoise;
 use super::options::Options;
 use super::recorder::{Event, Recorder};
 use super::recording::{Recorded, Task};
+use super::rest::Sample;
+use crate::demonstration::Grip;
 use crate::file_error::FileError;
 use crate::skill::Skill;
 
@@ -33,6 +37,11 @@ const SILENCE: Duration = Duration::from_secs(2);
 pub fn record(options: &Options) -> Result<(), RecordError> {
     let config = controller_config::read(&options.config)?;
     let skill = Skill::read(&options.skill)?;
+    if skill.proposes_frames {
+        let problem = "expected the names of the frames to record, found `Auto`: list them, and put `Auto` back to \
+                       learn";
+        return Err(FileError::key(&options.skill, "other_frames", problem).into());
+    }
     if skill.tool_frame != config.robot.tool_link {
         let problem = format!(
             "expected the tool link of `{}`, `{}`, found `{}`",
@@ -147,7 +156,9 @@ impl Session {
                 self.joint_noise.update(&state.position);
                 let pose = self.arm.tool_pose(&state.position);
                 let frames = self.frames.at(state.time_ns);
-                self.recorder.observe(state.time_ns, pose, frames, skipped)
+                let grip = grip(state.gripper_state);
+                let sample = Sample { time_ns: state.time_ns, pose, grip };
+                self.recorder.observe(sample, frames, skipped)
             }
             Err(fault) => {
                 self.fault = Some(fault);
@@ -191,6 +202,15 @@ impl Session {
             }
             Err(error) => Err(error.into()),
         }
+    }
+}
+
+/// What a gripper senses, where it is known.
+fn grip(state: u32) -> Option<Grip> {
+    match GripperState::from_wire(state)? {
+        GripperState::None => None,
+        GripperState::Open => Some(Grip::Open),
+        GripperState::Holding => Some(Grip::Closed),
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use ron::extensions::Extensions;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Deserializer};
-use tprmp_model::{RenamedKey, renamed_keys};
+use tprmp_model::{RenamedKey, renamed_keys, ron_value};
 use tprmp_spatial::Pose;
 
 use crate::demonstration::Demonstration;
@@ -17,6 +17,8 @@ use crate::skill::validate::{validate, validate_counts};
 pub const SCHEMA: &str = "tprmp-skill/5";
 /// The one before it, which is read too: what it lacks is as in the shipped skill files.
 pub const SCHEMA_BEFORE: &str = "tprmp-skill/4";
+/// What stands in place of further frames that are to be proposed.
+const AUTO: &str = "Auto";
 /// Largest skill file [bytes]; those of the repository have some thousand.
 const BYTES_MAX: u64 = 256 << 10;
 
@@ -60,9 +62,18 @@ impl Skill {
             );
             return Err(FileError::key(path, "schema", problem));
         }
-        let mut skill: Self = options.from_str(&text).map_err(|e| {
+        let auto =
+            ron_value(&text, "other_frames").filter(|value| text[value.clone()].trim() == AUTO);
+        let mut listed = text.clone();
+        if let Some(value) = &auto {
+            // Of the same length, so that places in messages stay.
+            let none = text[value.clone()].replace(AUTO, "[]  ");
+            listed.replace_range(value.clone(), &none);
+        }
+        let mut skill: Self = options.from_str(&listed).map_err(|e| {
             FileError::syntax(path, e.span.start.line, e.span.start.col, e.code.to_string())
         })?;
+        skill.proposes_frames = auto.is_some();
         let has_alignment = header.is_some_and(|header| header.alignment);
         match (skill.schema == SCHEMA, has_alignment) {
             (true, false) => {

@@ -27,6 +27,10 @@ pub struct Skill {
     pub goal_frame: String,
     /// Further frames whose Gaussians are learned.
     pub other_frames: Vec<String>,
+    /// Whether the file says `Auto` in their place: the frames that all demonstrations hold are tried, and those
+    /// that matter become [`other_frames`](Self::other_frames).
+    #[serde(skip)]
+    pub proposes_frames: bool,
     /// Folder of demonstrations, relative to the skill file.
     pub demonstrations: PathBuf,
     /// Whether demonstrations that contradict each other are learned as ways of their own.

@@ -91,6 +91,7 @@ pub(crate) fn arcs(manifold: Manifold) -> Vec<Demonstration> {
             other_frames: BTreeMap::new(),
             remarks: Remarks::default(),
             poses,
+            gripper: None,
         }
     };
     vec![arc(1, 0.0, 0.0), arc(2, 0.02, 0.05), arc(3, -0.02, -0.04)]

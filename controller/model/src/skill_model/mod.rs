@@ -31,6 +31,8 @@ mod evaluated;
 mod field;
 mod file;
 mod fit;
+mod frame_roles;
+mod gripper;
 mod interval;
 mod model;
 mod recomputed;
@@ -46,10 +48,14 @@ pub use fit::{
     ActiveConstraints, Constraints, DemonstrationRollout, Figure, Fit, Program, ProgramFit,
     ProgramStatus,
 };
+pub use frame_roles::lost_agreement;
+pub use gripper::{GripperAction, GripperEvent};
 pub use model::{
     Adaptation, Canonical, Component, FieldModel, FrameGaussian, FrameMixture, Gaussian,
-    MODE_CAPACITY, Manifold, PolicyModel, Pose, Provenance, Remarks, SkillModel, Source, ThesisModel, Waypoint,
+    MODE_CAPACITY, Manifold, PolicyModel, Pose, Provenance, Remarks, SkillModel, Source,
+    ThesisModel, Waypoint,
 };
 pub use recomputed::verify;
 pub use tprmp_rmpflow::policy::FRAME_CAPACITY;
 pub use tprmp_rmpflow::policy::canonical::adaptation::{COORDINATES, SPLINES};
+pub use validate::GRIPPER_EVENTS_MAX;

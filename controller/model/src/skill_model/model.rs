@@ -5,6 +5,7 @@ use tprmp_rmpflow::policy::canonical::adaptation::{self, COORDINATES};
 
 use crate::skill_model::certificate::Certificate;
 use crate::skill_model::fit::Fit;
+use crate::skill_model::gripper::GripperEvent;
 
 /// Space in which a skill moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -83,6 +84,9 @@ pub struct SkillModel {
     pub frames: Vec<FrameMixture>,
     /// What moves the tool.
     pub policy: PolicyModel,
+    /// What the gripper does, in order; none where the demonstrations say nothing of it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub gripper: Vec<GripperEvent>,
     /// How well the model was fitted.
     pub fit: Fit,
     /// What was proved, and what was tried.

@@ -7,8 +7,10 @@ use tprmp_rmpflow::policy::canonical::field::COMPONENT_CAPACITY;
 use tprmp_rmpflow::policy::canonical::frame_map::PHASE_DISTANCE_MIN;
 
 use crate::skill_model::certificate::{Certificate, Rollouts};
+use crate::skill_model::gripper::{GripperAction, GripperEvent};
 use crate::skill_model::model::{
-    Component, FieldModel, Gaussian, MODE_CAPACITY, Manifold, PolicyModel, Pose, SkillModel, ThesisModel,
+    Component, FieldModel, Gaussian, MODE_CAPACITY, Manifold, PolicyModel, Pose, SkillModel,
+    ThesisModel,
 };
 
 /// A key of the body, and what is wrong with its value.
@@ -18,6 +20,9 @@ type Violation = (String, String);
 const TOLERANCE: f64 = 1e-9;
 /// No number of a learned model is near it; products and squares of such stay finite.
 const NUMBER_MAX: f64 = 1e15;
+
+/// Most events of the gripper: a skill that has more is several.
+pub const GRIPPER_EVENTS_MAX: usize = 64;
 
 /// Refuses what is no [`tprmp_files::Name`]: it becomes part of file names and pages.
 fn name(key: &str, text: &str) -> Result<(), Violation> {
@@ -55,6 +60,7 @@ impl SkillModel {
             }
             PolicyModel::Thesis(policy) => self.validate_thesis(policy)?,
         }
+        self.validate_gripper()?;
         finite("fit.em_log_likelihood", &[self.fit.em_log_likelihood])?;
         self.validate_certificate()?;
         self.validate_modes()
@@ -66,7 +72,8 @@ impl SkillModel {
         require(others.len() < MODE_CAPACITY, "other_modes", || {
             format!("expected at most {}, found {}", MODE_CAPACITY - 1, others.len())
         })?;
-        let frames = |of: &Self| of.frames.iter().map(|frame| frame.name.clone()).collect::<Vec<_>>();
+        let frames =
+            |of: &Self| of.frames.iter().map(|frame| frame.name.clone()).collect::<Vec<_>>();
         for (i, mode) in others.iter().enumerate() {
             let key = format!("other_modes[{i}]");
             require(mode.other_modes.is_empty(), format!("{key}.other_modes"), || {
@@ -125,6 +132,39 @@ impl SkillModel {
         require(found == expected, "certificate.blocks", || {
             format!("expected blocks {expected:?}, found {found:?}")
         })
+    }
+
+    fn validate_gripper(&self) -> Result<(), Violation> {
+        let count = self.gripper.len();
+        require(count <= GRIPPER_EVENTS_MAX, "gripper", || {
+            format!("expected at most {GRIPPER_EVENTS_MAX} events, found {count}")
+        })?;
+        let mut before = 0.0;
+        for (i, event) in self.gripper.iter().enumerate() {
+            let key = format!("gripper[{i}]");
+            let GripperEvent { phase, time_fraction, action, spread, demonstrations } = *event;
+            require((before..=1.0).contains(&phase), format!("{key}.phase"), || {
+                format!("expected phases that rise from 0 to 1, found {phase} after {before}")
+            })?;
+            before = phase;
+            for (name, value) in [("time_fraction", time_fraction), ("spread", spread)] {
+                require((0.0..=1.0).contains(&value), format!("{key}.{name}"), || {
+                    format!("expected a number from 0 to 1, found {value}")
+                })?;
+            }
+            let most = self.provenance.demonstrations.len();
+            let is_some = (1..=most).contains(&(demonstrations as usize));
+            require(is_some, format!("{key}.demonstrations"), || {
+                format!("expected 1 to {most}, as many as there are, found {demonstrations}")
+            })?;
+            if let GripperAction::WidthM(width_m) = action {
+                finite(&format!("{key}.action"), &[width_m])?;
+                require(width_m >= 0.0, format!("{key}.action"), || {
+                    format!("expected a width from zero on, found {width_m}")
+                })?;
+            }
+        }
+        Ok(())
     }
 
     fn validate_frames(&self) -> Result<(), Violation> {

@@ -274,5 +274,6 @@ fn demonstration(
         other_frames,
         remarks: Remarks::default(),
         poses,
+        gripper: None,
     }
 }

@@ -1,8 +1,10 @@
 use super::*;
+use crate::demonstration::{Grip, Gripper};
 use crate::record::bounds::Bounds;
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 use tprmp_model::skill_model::Manifold;
+use tprmp_spatial::Pose;
 
 const STEP_NS: u64 = 2_000_000;
 const GOAL: DVec3 = DVec3::new(0.5, 0.2, 0.0);
@@ -19,6 +21,7 @@ struct Bench {
     recorder: Recorder,
     time_ns: u64,
     pose: Pose,
+    grip: Option<Grip>,
     frames: Frames,
     events: Vec<Event>,
 }
@@ -46,6 +49,7 @@ impl Bench {
             recorder: Recorder::new(task),
             time_ns: 7_000_000_000,
             pose: at(DVec3::ZERO),
+            grip: None,
             frames,
             events: Vec::new(),
         }
@@ -54,7 +58,11 @@ impl Bench {
     fn sample(&mut self, pose: Pose) {
         self.time_ns += STEP_NS;
         self.pose = pose;
-        self.events.extend(self.recorder.observe(self.time_ns, pose, self.frames, 0));
+        self.events.extend(self.recorder.observe(
+            Sample { time_ns: self.time_ns, pose, grip: self.grip },
+            self.frames,
+            0,
+        ));
     }
 
     fn rest(&mut self, duration_s: f64) {
@@ -376,4 +384,37 @@ proptest! {
             prop_assert!(step < 3e-4, "it starts with a step of {} m", step);
         }
     }
+}
+
+#[test]
+fn a_gripper_that_closes_after_the_motion_is_part_of_the_demonstration() {
+    let mut bench = Bench::new(Manifold::R3);
+    bench.grip = Some(Grip::Open);
+    bench.rest(1.5);
+    bench.go(DVec3::new(0.3, 0.1, 0.0), 2.0, |_, _| {});
+    bench.rest(0.6);
+    bench.grip = Some(Grip::Closed);
+    bench.rest(1.0);
+    let found = bench.events.iter().find_map(|event| match event {
+        Event::Recorded(recorded) => Some(&recorded.demonstration),
+        _ => None,
+    });
+    let demonstration = found.unwrap();
+    let Some(Gripper::Grips(grips)) = &demonstration.gripper else { panic!("it is known") };
+    assert_eq!(grips.len(), demonstration.poses.len());
+    let closed = grips.iter().position(|grip| *grip == Grip::Closed).unwrap();
+    assert!(closed + 2 >= grips.len() && closed > 200, "{closed} of {}", grips.len());
+}
+
+#[test]
+fn a_gripper_that_is_not_known_makes_no_channel() {
+    let mut bench = Bench::new(Manifold::R3);
+    bench.rest(1.5);
+    bench.go(DVec3::new(0.3, 0.1, 0.0), 2.0, |_, _| {});
+    bench.rest(1.5);
+    let recorded = bench.events.iter().find_map(|event| match event {
+        Event::Recorded(recorded) => Some(recorded),
+        _ => None,
+    });
+    assert_eq!(recorded.unwrap().demonstration.gripper, None);
 }

@@ -228,7 +228,9 @@ impl<const D: usize> ThesisPolicy<D> {
         let index = (fraction * last as f64).round() as usize;
         let (mean, _) = state.field()?.components().nth(index.min(last))?;
         let goal = state.goal();
-        let vector = |first: usize| DVec3::from_array(from_fn(|i| mean.get(first + i).copied().unwrap_or(0.0)));
+        let vector = |first: usize| {
+            DVec3::from_array(from_fn(|i| mean.get(first + i).copied().unwrap_or(0.0)))
+        };
         let height = if D > 2 { vector(0).z } else { goal.position.z };
         let orientation = match D {
             6 => goal.orientation * glam::DQuat::from_scaled_axis(vector(3)),
