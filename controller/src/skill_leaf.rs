@@ -27,6 +27,9 @@ const STEP_MAX: f64 = 0.3;
 const REACHED_M: f64 = 0.01;
 /// … and \[rad\].
 const REACHED_RAD: f64 = 0.1;
+/// Paths are as near as another that is nearer by less than this fraction of its length: where all begin at the same
+/// place, the first one is taken.
+const ALIKE_FRACTION: f64 = 0.02;
 /// A path is free when everything keeps so far from obstacles on it \[m\].
 const FREE_M: f64 = 0.02;
 
@@ -68,6 +71,8 @@ pub struct Choice {
 /// What following a mode from its nearest place to its end looks like.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prospect {
+    /// Length of the path \[m\].
+    pub length_m: f64,
     /// Distance of the tool from its path, an angle counted by the ratio of the inertias \[m\].
     pub distance_m: f64,
     /// How far the arm stays from the path where it can follow it least \[m, rad\].
@@ -97,7 +102,7 @@ impl Prospect {
             return rank(self) > rank(other);
         }
         match rank(self) {
-            (true, true) => self.distance_m < other.distance_m,
+            (true, true) => self.distance_m + ALIKE_FRACTION * other.length_m < other.distance_m,
             (true, false) => self.clearance_m > other.clearance_m,
             _ => self.beside[0] < other.beside[0],
         }
@@ -120,7 +125,7 @@ impl SkillState {
 }
 
 /// From where, and among what, a mode is decided on.
-pub struct Situation<'a, const N: usize> {
+pub struct Surroundings<'a, const N: usize> {
     /// The arm.
     pub arm: &'a Arm<N>,
     /// Its joint positions \[rad or m\].
@@ -166,22 +171,27 @@ impl SkillLeaf {
     /// No allocation; where there are several modes it takes as long as a hundred ticks.
     pub fn decide<const N: usize>(
         &self,
-        situation: &Situation<'_, N>,
+        surroundings: &Surroundings<'_, N>,
         kinematics: &mut Kinematics<N>,
         places: &mut PointPlaces<N>,
         state: &mut SkillState,
     ) {
-        if state.mode.is_some() || situation.frames.len() < self.frames.len() {
+        if state.mode.is_some() || surroundings.frames.len() < self.frames.len() {
             return;
         }
         let modes = self.modes.len();
-        let none = Prospect { distance_m: 0.0, beside: [0.0; 2], clearance_m: f64::INFINITY };
+        let none = Prospect {
+            length_m: 0.0,
+            distance_m: 0.0,
+            beside: [0.0; 2],
+            clearance_m: f64::INFINITY,
+        };
         let mut best = Choice { mode: 0, modes, prospect: none };
         if modes > 1 {
             for (mode, policy) in self.modes.iter().enumerate() {
                 state.state.restart();
                 let state = &mut state.state;
-                let prospect = self.prospect(policy, situation, kinematics, places, state);
+                let prospect = self.prospect(policy, surroundings, kinematics, places, state);
                 if mode == 0 || prospect.is_better_than(&best.prospect) {
                     best = Choice { mode, modes, prospect };
                 }
@@ -195,12 +205,12 @@ impl SkillLeaf {
     fn prospect<const N: usize>(
         &self,
         policy: &SkillPolicy,
-        situation: &Situation<'_, N>,
+        surroundings: &Surroundings<'_, N>,
         kinematics: &mut Kinematics<N>,
         places: &mut PointPlaces<N>,
         state: &mut PolicyState,
     ) -> Prospect {
-        let Situation { arm, q, frames, obstacles } = *situation;
+        let Surroundings { arm, q, frames, obstacles } = *surroundings;
         let mut path = [Pose::UNDEFINED; PLACES];
         for (i, place) in path.iter_mut().enumerate() {
             *place = policy.on_path(frames, i as f64 / (PLACES - 1) as f64, state);
@@ -221,7 +231,10 @@ impl SkillLeaf {
             }
         }
         let goal = path[PLACES - 1];
-        let mut prospect = Prospect { distance_m, beside: [0.0; 2], clearance_m: f64::INFINITY };
+        let steps = path.windows(2).map(|step| step[1].position.distance(step[0].position));
+        let length_m = steps.sum();
+        let mut prospect =
+            Prospect { length_m, distance_m, beside: [0.0; 2], clearance_m: f64::INFINITY };
         let mut q = *q;
         for (i, place) in path.iter().enumerate().skip(nearest) {
             let steps = STEPS[usize::from(i > nearest)];

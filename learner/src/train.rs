@@ -17,7 +17,7 @@ use crate::certify::Certifier;
 use crate::certify::policy::LearnedPolicy;
 use crate::demonstration::plausibility::with_others;
 use crate::demonstration::{
-    Demonstration, mean_duration_s, plausibility, read_folder, read_folder_with_all_frames,
+    Demonstration, mean_duration_s, plausibility, read_folder, read_folder_with_all_frames, skipped,
 };
 use crate::file_error::FileError;
 use crate::fit::thesis::ThesisFit;
@@ -149,6 +149,7 @@ pub fn train(
         );
         return Err(FileError::key(skill_file, "demonstrations", problem).into());
     }
+    let skipped = skipped(&folder)?;
     let (name, start, goal) = (&skill.skill, &skill.start_frame, &skill.goal_frame);
     if skill.proposes_frames {
         let all = read_folder_with_all_frames(&folder, name, skill.manifold, start, goal)?;
@@ -158,11 +159,14 @@ pub fn train(
         let parameters = &mut trained.model.provenance.hyper_parameters;
         parameters.push(("other_frames_origin".into(), origin));
         trained.warnings.extend(proposal.warnings);
+        trained.warnings.extend(skipped);
         return Ok(trained);
     }
     let others = &skill.other_frames;
     let demonstrations = read_folder(&folder, name, skill.manifold, start, goal, others)?;
-    train_from(&skill, &demonstrations, components, seed, progress)
+    let mut trained = train_from(&skill, &demonstrations, components, seed, progress)?;
+    trained.warnings.extend(skipped);
+    Ok(trained)
 }
 
 /// Trains a skill from its demonstrations.

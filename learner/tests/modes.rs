@@ -142,8 +142,12 @@ fn a_model_of_modes_is_written_read_printed_and_drawn() {
     let folder = Folder::new("modes");
     let demonstrations = bent(Manifold::R2, 6, |i| if i < 3 { 1.0 } else { -1.0 });
     folder.demonstrations("demonstrated", &demonstrations);
+    folder.write("demonstrated/.hidden.json", "{");
+    folder.write("demonstrated/notes.txt", "left, then right");
     let file = folder.write("skill.ron", &skill_text("planar.ron"));
     let trained = train(&file, Components::Count(8), 1, &mut |_| {}).unwrap();
+    let skipped = |w: &String| w.contains("skipped 1 hidden and 1 foreign");
+    assert!(trained.warnings.iter().any(skipped), "{:?}", trained.warnings);
     let path = folder.path().join("modes.model.ron");
     skill_model::write(&trained.model, &path).unwrap();
     let read = skill_model::read(&path).unwrap();

@@ -111,6 +111,66 @@ fn the_planar_skill_reaches_its_moving_goal_and_repeats_byte_for_byte() {
 }
 
 #[test]
+fn of_two_modes_the_one_that_is_free_is_taken_and_told() {
+    let place = Place::new("modes");
+    let skill =
+        place.edited("config/skills/planar.ron", &[("../demonstrations/planar", "demonstrations")]);
+    let folder = place.path("demonstrations");
+    std::fs::create_dir_all(&folder).unwrap();
+    for number in 1..=6 {
+        let mut demonstration =
+            json(&file(&format!("config/demonstrations/planar/{number:02}.json")));
+        let write = |name: String, text: &serde_json::Value| {
+            std::fs::write(format!("{folder}/{name}.json"), text.to_string()).unwrap();
+        };
+        write(format!("{number:02}"), &demonstration);
+        // The other way round: mirrored at the line from its first to its last sample.
+        let samples = demonstration["samples"].as_array_mut().unwrap();
+        let xy = |sample: &serde_json::Value| [0, 1].map(|i| sample[i].as_f64().unwrap());
+        let ([x0, y0], [x1, y1]) = (xy(&samples[0]), xy(&samples[samples.len() - 1]));
+        let length = (x1 - x0).hypot(y1 - y0);
+        let (along, across) = ([(x1 - x0) / length, (y1 - y0) / length], [y0 - y1, x1 - x0]);
+        for sample in samples {
+            let [x, y] = xy(sample);
+            let [dx, dy] = [x - x0, y - y0];
+            let beside = (dx * across[0] + dy * across[1]) / length;
+            let forward = dx * along[0] + dy * along[1];
+            let mirrored = [
+                x0 + forward * along[0] - beside * across[0] / length,
+                y0 + forward * along[1] - beside * across[1] / length,
+            ];
+            *sample = serde_json::json!(mirrored);
+        }
+        write(format!("mirrored-{number:02}"), &demonstration);
+    }
+    let model = place.train_file(&skill, &[]);
+    let scene = file("config/scenes/planar.json");
+    // The same with an obstacle that reaches into the first way of doing it.
+    let larger = place.edited(
+        "config/scenes/planar.json",
+        &[
+            ("[0.08, 0.14]", "[0.15, 0.16]"),
+            ("../robots", &file("config/robots")),
+            ("../demonstrations", &file("config/demonstrations")),
+        ],
+    );
+    for (scene, expected) in [(&scene, 1), (&larger, 2)] {
+        let mut bridge = program("planar-sim");
+        bridge.args(["run", "--scene", scene, "--seed", "1"]);
+        let config = file("config/controllers/planar.ron");
+        let controller = place.controller(&config, &model, &["--lockstep", "--until-done"]);
+        let (_, bridge, said) = beside(&place, controller, &mut bridge);
+        assert!(bridge.status.success(), "{}", text(&bridge));
+        let summary = json(&place.path("controller.json"));
+        let mode = &summary["mode"];
+        assert!(summary["allocations"] == 0 && mode["of"] == 2, "{summary}");
+        assert_eq!(mode["number"], expected, "{summary}");
+        let told = format!("mode {expected} of 2");
+        assert!(mode["free"] == true && said.contains(&told), "{summary}\n{said}");
+    }
+}
+
+#[test]
 fn a_model_without_its_certificate_runs_when_it_is_allowed_to() {
     let place = Place::new("allowed");
     let skill = file("config/skills/planar_thesis.ron");

@@ -174,17 +174,7 @@ pub fn read_folder_with_all_frames(
     start_frame: &str,
     goal_frame: &str,
 ) -> Result<Vec<Demonstration>, FileError> {
-    let unreadable = |source| FileError::Read { path: folder.into(), source };
-    let mut files: Vec<PathBuf> = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
-        let path = entry.map_err(unreadable)?.path();
-        // Hidden ones are made by file managers and by programs that write at this moment.
-        let is_hidden = path.file_name().is_some_and(|n| n.as_encoded_bytes().starts_with(b"."));
-        if !is_hidden && path.extension().is_some_and(|extension| extension == "json") {
-            files.push(path);
-        }
-    }
-    files.sort();
+    let Listed { files, .. } = listed(folder)?;
     if files.len() > FILES_MAX {
         let problem = format!("expected at most {FILES_MAX} `*.json` files, found {}", files.len());
         return Err(FileError::input(folder, "folder of demonstrations", problem));
@@ -211,6 +201,47 @@ pub fn read_folder_with_all_frames(
         demonstrations.push(demonstration);
     }
     Ok(demonstrations)
+}
+
+/// What lies in a folder of demonstrations.
+struct Listed {
+    /// In order of their names.
+    files: Vec<PathBuf>,
+    /// Made by file managers, and by programs that write at this moment.
+    hidden: usize,
+    /// Anything but `*.json`.
+    foreign: usize,
+}
+
+fn listed(folder: &Path) -> Result<Listed, FileError> {
+    let unreadable = |source| FileError::Read { path: folder.into(), source };
+    let mut listed = Listed { files: Vec::new(), hidden: 0, foreign: 0 };
+    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+        let path = entry.map_err(unreadable)?.path();
+        if path.file_name().is_some_and(|n| n.as_encoded_bytes().starts_with(b".")) {
+            listed.hidden += 1;
+        } else if path.extension().is_some_and(|extension| extension == "json") {
+            listed.files.push(path);
+        } else {
+            listed.foreign += 1;
+        }
+    }
+    listed.files.sort();
+    Ok(listed)
+}
+
+/// What in a folder of demonstrations is not read: a sentence, where there is something.
+///
+/// # Errors
+/// [`FileError`]: the folder cannot be read.
+pub fn skipped(folder: &Path) -> Result<Option<String>, FileError> {
+    let Listed { hidden, foreign, .. } = listed(folder)?;
+    Ok((hidden + foreign > 0).then(|| {
+        format!(
+            "{}: skipped {hidden} hidden and {foreign} foreign files or folders, which are no `*.json`",
+            folder.display()
+        )
+    }))
 }
 
 /// Reads and validates a demonstration with the two frames that are asked for.
