@@ -17,7 +17,7 @@ use tprmp_spatial::{MovingPose, PointMotion, Pose, Twist};
 use crate::arm::{Arm, PointPlaces, part_pairs};
 use crate::inputs::external::ExternalCommand;
 use crate::motion::limits::working_range;
-use crate::skill_leaf::{Choice, SkillLeaf, SkillState, Surroundings};
+use crate::skill_leaf::{Choice, Posture, SkillLeaf, SkillState};
 
 /// The policy of a robot: immutable.
 #[derive(Debug)]
@@ -333,8 +333,8 @@ impl<const N: usize> RobotPolicy<N> {
         for (leaf, state) in self.skills.iter().zip(skills) {
             let frames = parameters.frames.get(leaf.frames.clone()).unwrap_or_default();
             let (arm, obstacles) = (&self.arm, parameters.obstacles);
-            let surroundings = Surroundings { arm, q, frames, obstacles };
-            leaf.decide(&surroundings, kinematics, places, state);
+            let posture = Posture { arm, q, frames, obstacles };
+            leaf.decide(&posture, kinematics, places, state);
         }
     }
 

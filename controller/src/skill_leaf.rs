@@ -125,7 +125,7 @@ impl SkillState {
 }
 
 /// From where, and among what, a mode is decided on.
-pub struct Surroundings<'a, const N: usize> {
+pub struct Posture<'a, const N: usize> {
     /// The arm.
     pub arm: &'a Arm<N>,
     /// Its joint positions \[rad or m\].
@@ -171,12 +171,12 @@ impl SkillLeaf {
     /// No allocation; where there are several modes it takes as long as a hundred ticks.
     pub fn decide<const N: usize>(
         &self,
-        surroundings: &Surroundings<'_, N>,
+        posture: &Posture<'_, N>,
         kinematics: &mut Kinematics<N>,
         places: &mut PointPlaces<N>,
         state: &mut SkillState,
     ) {
-        if state.mode.is_some() || surroundings.frames.len() < self.frames.len() {
+        if state.mode.is_some() || posture.frames.len() < self.frames.len() {
             return;
         }
         let modes = self.modes.len();
@@ -191,7 +191,7 @@ impl SkillLeaf {
             for (mode, policy) in self.modes.iter().enumerate() {
                 state.state.restart();
                 let state = &mut state.state;
-                let prospect = self.prospect(policy, surroundings, kinematics, places, state);
+                let prospect = self.prospect(policy, posture, kinematics, places, state);
                 if mode == 0 || prospect.is_better_than(&best.prospect) {
                     best = Choice { mode, modes, prospect };
                 }
@@ -205,12 +205,12 @@ impl SkillLeaf {
     fn prospect<const N: usize>(
         &self,
         policy: &SkillPolicy,
-        surroundings: &Surroundings<'_, N>,
+        posture: &Posture<'_, N>,
         kinematics: &mut Kinematics<N>,
         places: &mut PointPlaces<N>,
         state: &mut PolicyState,
     ) -> Prospect {
-        let Surroundings { arm, q, frames, obstacles } = *surroundings;
+        let Posture { arm, q, frames, obstacles } = *posture;
         let mut path = [Pose::UNDEFINED; PLACES];
         for (i, place) in path.iter_mut().enumerate() {
             *place = policy.on_path(frames, i as f64 / (PLACES - 1) as f64, state);
