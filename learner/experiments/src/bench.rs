@@ -1,5 +1,6 @@
 //! Makes the rollouts, and measures them: as the thesis did, and against the true goal.
 
+use glam::DVec3;
 use rayon::prelude::*;
 use tprmp_learner::canonical::kaiser_smoothing::kaiser_smoothing;
 use tprmp_learner::certify::policy::Body;
@@ -7,7 +8,7 @@ use tprmp_learner::skill::KaiserSmoothing;
 use tprmp_spatial::{Pose, Twist};
 
 use crate::case::{Case, Extent};
-use crate::conditions::{GoalMotion, STEP_S};
+use crate::conditions::{Ball, GoalMotion, STEP_S};
 use crate::dataset::SkillSet;
 use crate::experiment::{Experiment, PolicyKind, Setting, Space};
 use crate::measures::{Measures, distance_to_path, mean_square};
@@ -178,18 +179,37 @@ fn track(row: &mut Row, set: &SkillSet, case: &Case, outcome: &RunOutcome) {
     row.measures = converged.then(|| Measures::of(&path, &points, STEP_S, planar));
 }
 
-/// Distances to the path of the demonstration after the push, as fractions of the skill's size; a body that came to
-/// rest stays. `None` when it diverged.
+/// Distances to the path of the demonstration after the push, or after the obstacle, as fractions of the skill's
+/// size; a body that came to rest stays. `None` when it diverged, or never passed.
 fn tube_distances(
     set: &SkillSet,
     case: &Case,
     outcome: &RunOutcome,
 ) -> Option<[f64; AFTER_PUSH_S.len()]> {
-    let push = case.conditions.push.filter(|_| outcome.goal_error_m.is_finite())?;
+    if !outcome.goal_error_m.is_finite() {
+        return None;
+    }
     let demonstrated = positions(set.motion(case.demonstration()));
+    let since = match (case.conditions.push, &case.conditions.ball) {
+        (Some(push), _) => (push.during_s[1] / STEP_S).round() as usize,
+        (None, Some(ball)) => passed(&positions(&outcome.path), &demonstrated, ball)?,
+        (None, None) => return None,
+    };
     Some(AFTER_PUSH_S.map(|after_s| {
-        let step = ((push.during_s[1] + after_s) / STEP_S).round() as usize;
+        let step = since + (after_s / STEP_S).round() as usize;
         let body = outcome.path[step.min(outcome.path.len() - 1)].position;
         distance_to_path(body, &demonstrated) / set.size_m()
     }))
+}
+
+/// The first step from which on a body is nearest to a part of the demonstrated path that lies behind the ball.
+fn passed(path: &[DVec3], demonstrated: &[DVec3], ball: &Ball) -> Option<usize> {
+    let inside = |p: &DVec3| p.distance(ball.center) < ball.radius_m;
+    let behind = demonstrated.iter().rposition(inside)? + 1;
+    let nearest = |body: &DVec3| {
+        let distances = demonstrated.iter().map(|p| p.distance_squared(*body));
+        distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i)
+    };
+    let before = path.iter().rposition(|body| nearest(body) < behind).map_or(0, |last| last + 1);
+    (before < path.len()).then_some(before)
 }

@@ -150,7 +150,10 @@ impl Collector<'_> {
                 let wide = self.planar_circle(*radius_m);
                 self.add(Experiment::Radius, Setting::Circle(*radius_m), compared, 0, wide);
                 let obstacle = self.with_ball(circle.clone(), *radius_m);
-                self.add(Experiment::Obstacle, Setting::Ball(*radius_m), compared, 0, obstacle);
+                let ball = Setting::Ball(*radius_m);
+                self.add(Experiment::Obstacle, ball, compared, 0, obstacle);
+                let still = self.with_ball(self.still.clone(), *radius_m);
+                self.add(Experiment::ObstacleStill, ball, compared, 0, still);
             }
         }
         self.pushes_at_rest();

@@ -95,6 +95,8 @@ pub(crate) enum Experiment {
     DisturbanceStill,
     /// An obstacle that moves with the goal.
     Obstacle,
+    /// The same with the goal at rest: the path is the demonstrated one but for the obstacle.
+    ObstacleStill,
     PickTracking,
     PickAdaptation,
     PickRadius,
@@ -134,16 +136,16 @@ impl Experiment {
     /// The goal is reached within this distance [m] and, in space, angle [°].
     pub(crate) fn tolerance(self, scale: f64) -> [f64; 2] {
         let [metres, degrees] = match self {
-            Self::Obstacle => [0.01, f64::INFINITY],
+            Self::Obstacle | Self::ObstacleStill => [0.01, f64::INFINITY],
             _ if self.tracks() || self.space() == Space::Pick => [0.001, 0.1],
             _ => [0.005, f64::INFINITY],
         };
         [metres * scale, degrees]
     }
 
-    /// Whether its push is across the motion, so that the distance to the path tells how it is resisted.
+    /// Whether something leads off the demonstrated path, so that the distance to it tells how fast it is returned to.
     pub(crate) fn disturbs(self) -> bool {
-        matches!(self, Self::Disturbance | Self::DisturbanceStill)
+        matches!(self, Self::Disturbance | Self::DisturbanceStill | Self::ObstacleStill)
     }
 }
 

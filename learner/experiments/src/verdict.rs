@@ -3,7 +3,7 @@
 use crate::experiment::{Experiment, PolicyKind, Space};
 use crate::models::{Models, Trained};
 use crate::published::{self, Published};
-use crate::results::Row;
+use crate::results::{AFTER_PUSH_S, Row};
 use tprmp_drawing::{number, quantile};
 
 /// Longest training of a planar skill and of the pick [s].
@@ -20,6 +20,11 @@ const THESIS_METRIC_M: f64 = 0.02;
 const MSE_M2: [f64; 2] = [0.003, 0.02];
 /// … root mean square of the pick [m, °] …
 const PICK_RMS: [f64; 2] = [0.006, 0.5];
+/// Which of the times after a push or an obstacle is a second …
+const RETURNED: usize = 3;
+/// … after which a body is back within this distance of the path [% of the skill's size].
+const RETURNED_PERCENT: f64 = 5.0;
+const _: () = assert!(AFTER_PUSH_S[RETURNED] == 1.0);
 /// … and acceleration beside an obstacle [m/s²].
 const ACCELERATION_M_S2: f64 = 40.0;
 
@@ -260,6 +265,21 @@ impl<'a> Table<'a> {
         self.all(&requirement, &rows, fastest, |row| {
             row.acceleration_max_m_s2.is_some_and(|a| a < most)
         });
+        for (what, experiment) in
+            [("push", Experiment::DisturbanceStill), ("obstacle", Experiment::ObstacleStill)]
+        {
+            let mut rows = self.of(&[experiment]);
+            rows.retain(|row| row.feasible);
+            let after = |row: &Row| row.tube_distances.map(|distances| 100.0 * distances[RETURNED]);
+            let farthest = |rows: &[&Row]| format!("largest {} %", number(worst(rows, after)));
+            let requirement = format!(
+                "a second after the {what}, goal at rest: within {} % of the skill's size of the path",
+                number(RETURNED_PERCENT)
+            );
+            self.all(&requirement, &rows, farthest, |row| {
+                after(row).is_some_and(|percent| percent < RETURNED_PERCENT)
+            });
+        }
     }
 
     fn pick(&mut self) {

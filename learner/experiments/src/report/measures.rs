@@ -177,8 +177,9 @@ fn grid(rows: &[&Row]) -> Table {
     }
 }
 
-const PUSHED: [(Experiment, &str); 2] = [
+const PUSHED: [(Experiment, &str); 3] = [
     (Experiment::DisturbanceStill, "goal at rest"),
+    (Experiment::ObstacleStill, "obstacle, goal at rest"),
     (Experiment::Disturbance, "goal on its circle"),
 ];
 
@@ -188,7 +189,7 @@ fn tube_percent(own: &[&Row], time: usize, fraction: f64) -> Option<f64> {
     quantile(&own.iter().map(value).collect::<Vec<_>>(), fraction)
 }
 
-/// How far from the demonstrated path bodies are after a push.
+/// How far from the demonstrated path bodies are after a push or an obstacle.
 fn tube(rows: &[&Row]) -> Table {
     let mut head: Vec<String> = ["policy", "n"].map(Into::into).into();
     head.extend(AFTER_PUSH_S.map(|after_s| format!("{after_s} s after [%]")));
@@ -203,8 +204,8 @@ fn tube(rows: &[&Row]) -> Table {
         by_policy(rows, experiment).into_iter().map(move |own| row(words, own))
     });
     Table {
-        title: "Distance to the demonstrated path after a push",
-        note: "After the end of a push across the motion, all forces: median / 90th percentile of the distance to the \
+        title: "Distance to the demonstrated path after a push or an obstacle",
+        note: "After the end of a push across the motion, all forces, and after an obstacle on the path is passed, all radii: median / 90th percentile of the distance to the \
                path of the first demonstration, of the skill's size. A goal on its circle moves the path that \
                a policy should take away from the demonstrated one; with the goal at rest it is the same."
             .into(),
@@ -231,7 +232,7 @@ pub(crate) fn picture(run: &Run) -> Option<Picture> {
     let policies: Vec<PolicyKind> = PolicyKind::ALL.into_iter().filter(drawn).collect();
     let mut legend = legend(&policies);
     legend.push(("90th percentile".into(), Sign::Line(Stroke::dashed(GREY, 1.6))));
-    let title = "Distance to the demonstrated path after a push";
+    let title = "Distance to the demonstrated path after a push or an obstacle";
     let figure = Figure { title: title.into(), legend, rows: vec![panels], bar: None };
     let caption = "Solid: median; dashed: 90th percentile, over all skills and forces. What diverged lies at \
                    the upper edge.";
