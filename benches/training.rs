@@ -105,9 +105,9 @@ fn memory_mb() -> f64 {
 
 fn main() {
     let mut rows = Vec::new();
-    measure(&mut rows, "planar.ron", "planar", [675, 9], [0.3, 1.0, 10.0]);
+    measure(&mut rows, "planar.ron", "planar", [675, 9], [0.3, 0.5, 3.0]);
     measure(&mut rows, "planar_thesis.ron", "planar, thesis", [675, 9], [0.3, 1.0, 10.0]);
-    measure(&mut rows, "pick.ron", "pick", [380, 15], [1.0, 3.0, 10.0]);
+    measure(&mut rows, "pick.ron", "pick", [380, 15], [1.0, 1.0, 3.0]);
     println!("{:<58} {:>8} {:>8} {:>8} {:>8}", "training [s]", "min", "p50", "max", "must");
     for row in &rows {
         let [least, middle, most] = [0.0, 0.5, 1.0].map(|fraction| row.at(fraction));

@@ -17,6 +17,10 @@ use crate::demonstration::Demonstration;
 use crate::skill::Skill;
 
 /// Every how many steps of a rollout a demonstrated point is compared with it: at a millisecond a step, a
+/// Of longer paths no more than about so many steps are.
+const PATH_MAX: usize = 6000;
+/// Of longer recordings every few samples are compared, so that no more than these are.
+const POSES_MAX: usize = 1500;
 /// tool moves a few millimetres in between.
 const PATH_STRIDE: usize = 5;
 
@@ -197,26 +201,29 @@ fn in_time(demonstration: &Demonstration, path: &[Pose], step_s: f64) -> [f64; 2
 /// Root of the mean square distance of poses to a path, whatever the time; and of the angle, where position
 /// and angle together are nearest [m, rad].
 fn beside(poses: &[Pose], path: &[Pose], scales: [f64; 2]) -> [f64; 2] {
-    let path: Vec<&Pose> = path.iter().step_by(PATH_STRIDE).collect();
+    let path: Vec<&Pose> = path.iter().step_by(PATH_STRIDE.max(path.len() / PATH_MAX)).collect();
+    let stride = poses.len().div_ceil(POSES_MAX).max(1);
+    let count = poses.len().div_ceil(stride) as f64;
     let (mut metres, mut radians) = (0.0, 0.0);
-    for pose in poses {
+    let mut last = 0;
+    for pose in poses.iter().step_by(stride) {
         let (mut nearest, mut joint, mut angle) = (f64::INFINITY, f64::INFINITY, 0.0);
-        for on_path in &path {
-            let apart = (on_path.position - pose.position).length_squared();
+        // Where the pose before was nearest, few others are nearer.
+        for i in std::iter::once(last).chain(0..path.len()) {
+            let apart = (path[i].position - pose.position).length_squared();
             nearest = nearest.min(apart);
             let apart = apart * scales[0] * scales[0];
             if apart < joint {
-                let turned = on_path.rotation_from(pose).length_squared();
+                let turned = path[i].rotation_from(pose).length_squared();
                 let both = apart + turned * scales[1] * scales[1];
                 if both < joint {
-                    (joint, angle) = (both, turned);
+                    (joint, angle, last) = (both, turned, i);
                 }
             }
         }
         metres += nearest;
         radians += angle;
     }
-    let count = poses.len() as f64;
     [(metres / count).sqrt(), (radians / count).sqrt()]
 }
 
