@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use tprmp_model::skill_model::{
-    Canonical, Certificate, DemonstrationRollout, EvaluationError, Figure, Fit, FrameMixture,
+    Canonical, Certificate, DemonstrationRollout, EvaluationError, Figure, Fit, FrameMixture, Motion,
     PolicyModel, ProgramFit, ProgramStatus, Provenance, SkillModel, Source, Waypoint,
 };
 use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
@@ -377,6 +377,7 @@ impl FittedPolicy {
         SkillModel {
             skill: skill.skill.clone(),
             manifold: skill.manifold,
+            motion: Motion::Discrete,
             tool_frame: skill.tool_frame.clone(),
             start_frame: skill.start_frame.clone(),
             goal_frame: skill.goal_frame.clone(),

@@ -138,6 +138,7 @@ impl<'a> Certifier<'a> {
             demonstrated_frames: self.roll_out(&around, progress),
             displaced_frames: self.roll_out(&displaced, progress),
             step_s: settings.step_s,
+            cycle: None,
         };
         certificate.failures = failures(settings, &certificate, demonstrations, faults);
         certificate

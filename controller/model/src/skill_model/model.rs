@@ -52,6 +52,36 @@ impl std::fmt::Display for Manifold {
     }
 }
 
+/// Whether a skill ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum Motion {
+    /// It goes to its goal, and rests there.
+    #[default]
+    Discrete,
+    /// It goes round for ever: it has a limit cycle in place of a goal, and does not end by itself.
+    Periodic {
+        /// How long a demonstrated round lasts \[s\].
+        period_s: f64,
+    },
+}
+
+impl Motion {
+    /// Whether it goes to a goal.
+    #[must_use]
+    pub fn is_discrete(&self) -> bool {
+        *self == Self::Discrete
+    }
+
+    /// How long a demonstrated round lasts \[s\]; `None` when it has no rounds.
+    #[must_use]
+    pub fn period_s(&self) -> Option<f64> {
+        match self {
+            Self::Discrete => None,
+            Self::Periodic { period_s } => Some(*period_s),
+        }
+    }
+}
+
 /// A pose in canonical coordinates. Planar skills have `z = 0` and rotate about z only.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -70,6 +100,9 @@ pub struct SkillModel {
     pub skill: String,
     /// Space in which it moves.
     pub manifold: Manifold,
+    /// Whether it ends.
+    #[serde(default, skip_serializing_if = "Motion::is_discrete")]
+    pub motion: Motion,
     /// Frame of the robot that moves (a link's name).
     pub tool_frame: String,
     /// Name of the frame at which the skill starts.
@@ -215,7 +248,7 @@ pub struct Canonical {
     pub start: Pose,
     /// The goal frame.
     pub goal_frame: Pose,
-    /// Pose of the tool when the skill is done.
+    /// Pose of the tool when the skill is done; of a periodic skill, the mean pose of a round.
     pub goal: Pose,
     /// Whether the path to the goal rotates with the frames, or only the tool's orientation does.
     pub rotate_positions: bool,
@@ -281,8 +314,11 @@ pub struct FieldModel {
     pub damping_1_s: f64,
     /// Width over which components pass into each other, as a fraction of the phase.
     pub phase_width: f64,
-    /// Components in order of phase; the last one is the goal's.
+    /// Components in order of phase; the last one is the goal's. Of a periodic skill, those of one round.
     pub components: Vec<Component>,
+    /// By how much the potential falls in a round [u²/s²]: exactly for periodic skills.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fall_per_round: Option<f64>,
 }
 
 /// One component of a field, on D coordinates and the phase.
