@@ -197,7 +197,7 @@ fn in_time(demonstration: &Demonstration, path: &[Pose], step_s: f64) -> [f64; 2
 
 /// Root of the mean square distance of poses to a path, whatever the time; and of the angle, where position
 /// and angle together are nearest [m, rad].
-fn beside(poses: &[Pose], path: &[Pose], scales: [f64; 2]) -> [f64; 2] {
+pub(crate) fn beside(poses: &[Pose], path: &[Pose], scales: [f64; 2]) -> [f64; 2] {
     let path: Vec<&Pose> = path.iter().step_by(PATH_STRIDE).collect();
     let (mut metres, mut radians) = (0.0, 0.0);
     for pose in poses {

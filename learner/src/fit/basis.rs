@@ -89,7 +89,8 @@ impl<const N: usize> Shape<N> {
         clear(&mut components);
         let phases: Vec<f64> = components.iter().map(|c| c.mean[N - 1] / length).collect();
         let copies = copies(&phases, phase_width / length);
-        let copied = |copy: &RoundCopy| in_round(&components[copy.component], copy.round, length, 0.0);
+        let copied =
+            |copy: &RoundCopy| in_round(&components[copy.component], copy.round, length, 0.0);
         let all: Vec<_> = copies.iter().map(copied).collect();
         let bare = Field::new(&all, phase_width, damping_1_s)
             .expect("the number of copies is checked where it is chosen");

@@ -63,7 +63,8 @@ fn validate_motion(skill: &Skill) -> Result<(), Wrong> {
         return Err(("other_frames", problem.into()));
     }
     if !matches!(skill.fit, FitSettings::Canonical(_)) {
-        let problem = "expected `Discrete`: of the thesis' policy none goes round, found `Periodic`";
+        let problem =
+            "expected `Discrete`: of the thesis' policy none goes round, found `Periodic`";
         return Err(("motion", problem.into()));
     }
     Ok(())

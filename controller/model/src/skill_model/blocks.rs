@@ -35,11 +35,7 @@ pub fn blocks(policy: &SkillPolicy, frames: &[MovingPose], goal: &Pose) -> Vec<B
 }
 
 /// What goes round has no goal: of its block, the metric and the valley are examined.
-fn field_block<const N: usize>(
-    name: &str,
-    field: &Field<N>,
-    goes_round: bool,
-) -> BlockCertificate {
+fn field_block<const N: usize>(name: &str, field: &Field<N>, goes_round: bool) -> BlockCertificate {
     let metrics = field.components().iter().map(|component| component.metric);
     let certificate = block(name, metrics, &field.goal(), |z| {
         let value = field.evaluate(z, &SVector::zeros());
@@ -61,7 +57,8 @@ fn field_block<const N: usize>(
     };
     let valley = Some(valley);
     if goes_round {
-        let none = BlockCertificate { goal_gradient: 0.0, goal_hessian_min_1_s2: 0.0, ..certificate };
+        let none =
+            BlockCertificate { goal_gradient: 0.0, goal_hessian_min_1_s2: 0.0, ..certificate };
         return BlockCertificate { valley, ..none };
     }
     BlockCertificate { valley, ..certificate }

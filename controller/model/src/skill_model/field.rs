@@ -35,7 +35,8 @@ impl FieldModel {
         let mut components: Vec<_> =
             self.components.iter().map(Component::evaluated::<N>).collect();
         if let Some(fall) = self.fall_per_round {
-            let one = |copy: &RoundCopy| in_round(&components[copy.component], copy.round, 1.0, fall);
+            let one =
+                |copy: &RoundCopy| in_round(&components[copy.component], copy.round, 1.0, fall);
             components = self.copies().iter().map(one).collect();
         }
         Field::new(&components, self.phase_width, self.damping_1_s)

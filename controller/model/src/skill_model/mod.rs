@@ -44,7 +44,9 @@ mod validate;
 pub mod valley;
 
 pub use blocks::blocks;
-pub use certificate::{BlockCertificate, Certificate, CycleCertificate, Rollouts, ValleyCertificate};
+pub use certificate::{
+    BlockCertificate, Certificate, CycleCertificate, Rollouts, ValleyCertificate,
+};
 pub use evaluated::{EvaluationError, thesis_policy};
 pub use file::{ModelError, SCHEMA, read, sha256_hex, to_text, write};
 pub use fit::{

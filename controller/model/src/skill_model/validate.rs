@@ -338,7 +338,9 @@ impl SkillModel {
             ("other_modes", self.other_modes.len()),
         ] {
             require(count == 0, key, || {
-                format!("expected a periodic skill of one frame, without events and other modes, found {count} more")
+                format!(
+                    "expected a periodic skill of one frame, without events and other modes, found {count} more"
+                )
             })?;
         }
         let Some(cycle) = cycle else {
