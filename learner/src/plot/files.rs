@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use tprmp_drawing::Page;
 use tprmp_files::{Existing, make_folder};
-use tprmp_model::skill_model::{self, ModelError, SkillModel, sha256_hex};
+use tprmp_model::skill_model::{self, ModelError, Motion, SkillModel, sha256_hex};
 
 use super::figures;
 use super::gallery::{frame_of, gallery, modes};
@@ -109,16 +109,22 @@ fn read_demonstrations(model: &SkillModel, folder: &Path) -> Result<Vec<Demonstr
 fn page_head(model: &SkillModel) -> Page {
     let mut page = Page::new(&format!("Skill “{}”", model.skill));
     page.paragraph(&format!(
-        "{manifold}, from “{start}” to a goal fixed to “{goal}”; {count} demonstrations, K = \
-         {components} Gaussians; learned by version {version}, seed {seed}.",
+        "{manifold}, {way}; {count} demonstrations, K = {components} Gaussians; learned by version \
+         {version}, seed {seed}.",
         manifold = model.manifold,
-        start = model.start_frame,
-        goal = model.goal_frame,
+        way = match model.motion {
+            Motion::Discrete =>
+                format!("from “{}” to a goal fixed to “{}”", model.start_frame, model.goal_frame),
+            Motion::Periodic { .. } => format!("round for ever, fixed to “{}”", model.goal_frame),
+        },
         count = model.modes().map(|mode| mode.provenance.demonstrations.len()).sum::<usize>(),
         components = model.gaussians.len(),
         version = model.provenance.tool_version,
         seed = model.provenance.seed,
     ));
+    if let Some(told) = model.cycle_line() {
+        page.paragraph(&format!("It has a limit cycle in place of a goal: {told}."));
+    }
     let count = model.modes().len();
     if count > 1 {
         page.paragraph(&format!(

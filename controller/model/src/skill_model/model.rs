@@ -141,6 +141,30 @@ impl SkillModel {
         ModeIterator { model: self, next: 0 }
     }
 
+    /// The limit cycle of a periodic skill in a line: its period, how far it runs beside what was demonstrated, and that
+    /// it never stops; `None` for a skill that goes to a goal.
+    #[must_use]
+    pub fn cycle_line(&self) -> Option<String> {
+        let period_s = self.motion.period_s()?;
+        let Some(cycle) = &self.certificate.cycle else {
+            return Some(format!("demonstrated in {period_s:.2} s a round; it was not examined"));
+        };
+        let angle = |radians: f64| match self.manifold.has_orientation() {
+            true => format!(" and {:.1}°", radians.to_degrees()),
+            false => String::new(),
+        };
+        Some(format!(
+            "a round lasts {:.2} s, demonstrated in {period_s:.2} s; it runs {:.1} mm{} (rms), at most {:.1} mm{}, beside \
+             the mean of {} demonstrated rounds; it never stops by itself",
+            cycle.period_s,
+            1e3 * cycle.beside_rms_m,
+            angle(cycle.beside_rms_rad),
+            1e3 * cycle.beside_max_m,
+            angle(cycle.beside_max_rad),
+            cycle.rounds.iter().sum::<u32>()
+        ))
+    }
+
     /// What its certificates do not hold for, of all modes, the mode named where there are several.
     #[must_use]
     pub fn failures(&self) -> Vec<String> {
