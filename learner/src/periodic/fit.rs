@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model::{
     FieldModel, FrameGaussian, FrameMixture, Gaussian, PolicyModel, Program, ProgramFit,
 };
+use tprmp_rmpflow::policy::canonical::rounds::copies;
 
 use crate::canonical::path::Path;
 use crate::fit::targets::BlockPath;
@@ -16,6 +17,8 @@ use crate::skill::{FieldSettings, Skill};
 
 /// Width of a component over the phase, as a fraction of the phase between two of them.
 const WIDTH: f64 = 0.35;
+/// Keeps means apart that hardly differ in their weights, against a sum of squares of some ten.
+const RIDGE: f64 = 1e-5;
 /// Steps of a round at which rounds are compared.
 const AGREEMENT_STEPS: usize = 50;
 
@@ -211,11 +214,7 @@ impl Block<'_> {
         let paths: Vec<_> = self.rounds.all.iter().map(path).collect();
         let last = self.gaussians[0].mean.len() - 1;
         let at = |i: usize| if i + 1 < N { self.first + i } else { last };
-        let means: Vec<_> = self
-            .gaussians
-            .iter()
-            .map(|g| SVector::<f64, N>::from_fn(|i, _| g.mean[at(i)]))
-            .collect();
+        let means = self.means::<N>(&paths);
         let covariances: Vec<_> = self
             .gaussians
             .iter()
@@ -224,5 +223,35 @@ impl Block<'_> {
         let shape = round_shape(&means, &covariances, length, self.settings)
             .map_err(|reason| NotSolved::new(self.program, (reason, 0)))?;
         Ok(fit::fit(self.program, shape, &paths, self.settings, random)?.physical(self.scale))
+    }
+
+    /// Means μ_k with which Σ w_k μ_k is nearest to the mean of the paths at all phases. The mean of the samples around
+    /// a phase lies inside of what is curved; what the field does depends on neither.
+    fn means<const N: usize>(&self, paths: &[BlockPath<N>]) -> Vec<SVector<f64, N>> {
+        let (count, phases) = (self.gaussians.len(), &self.rounds.phases);
+        let width = self.settings.phase_overlap / count as f64;
+        let own: Vec<f64> = self.gaussians.iter().map(|g| g.phase).collect();
+        let copies = copies(&own, width);
+        let mut weights = DMatrix::zeros(phases.len(), count);
+        for (i, phase) in phases.iter().enumerate() {
+            for copy in &copies {
+                let away = phase - own[copy.component] - f64::from(copy.round);
+                weights[(i, copy.component)] += (-0.5 * (away / width).powi(2)).exp();
+            }
+            let sum: f64 = weights.row(i).sum();
+            weights.row_mut(i).unscale_mut(sum);
+        }
+        let mean = DMatrix::from_fn(phases.len(), N - 1, |i, j| {
+            paths.iter().map(|path| path.points[i][j]).sum::<f64>() / paths.len() as f64
+        });
+        let square = weights.tr_mul(&weights) + DMatrix::identity(count, count) * RIDGE;
+        let solved = square.cholesky().map(|factor| factor.solve(&weights.tr_mul(&mean)));
+        let last = self.gaussians[0].mean.len() - 1;
+        let at = |k: usize, i: usize| match &solved {
+            _ if i + 1 == N => self.gaussians[k].mean[last],
+            Some(means) => means[(k, i)],
+            None => self.gaussians[k].mean[self.first + i],
+        };
+        (0..count).map(|k| SVector::from_fn(|i, _| at(k, i))).collect()
     }
 }

@@ -53,9 +53,9 @@ impl Recurrence {
         Some(Self { length: lag as f64 * step, distance: distances[lag], round })
     }
 
-    /// Whether it comes nearer to itself than another one.
-    pub(super) fn is_nearer_than(&self, other: &Self) -> bool {
-        self.distance < other.distance
+    /// Those that come nearer to themselves before others.
+    pub(super) fn nearest_first(&self, other: &Self) -> std::cmp::Ordering {
+        self.distance.total_cmp(&other.distance)
     }
 }
 

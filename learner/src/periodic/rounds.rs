@@ -24,6 +24,8 @@ const SAMPLES: [f64; 2] = [120.0, 300.0];
 const ROUNDS_MIN: usize = 2;
 /// How often the mean round and where recordings are on it are found anew.
 const REFINED: usize = 2;
+/// So many recordings that come again are tried as what all follow.
+const TRIED: usize = 8;
 
 /// A round in canonical coordinates, which are those of the frame; the rotation vector is that from the mean
 /// orientation. It is closed: its end is its beginning.
@@ -159,10 +161,19 @@ fn laps(
         .zip(demonstrations)
         .map(|(poses, d)| Trace::new(skill, poses, d.sampling_time_s, units))
         .collect();
-    let found = traces.iter().filter_map(Recurrence::of);
-    let Some(Recurrence { length, mut round, .. }) =
-        found.reduce(|a, b| if b.is_nearer_than(&a) { b } else { a })
-    else {
+    let mut found: Vec<Recurrence> = traces.iter().filter_map(Recurrence::of).collect();
+    found.sort_by(Recurrence::nearest_first);
+    found.truncate(TRIED);
+    let follow = |round: &[Feature], length: f64, usual: Option<f64>| -> Vec<Track> {
+        traces.iter().map(|trace| Track::new(trace, round, length, usual)).collect()
+    };
+    // Of those that come again, what most recordings do is the skill; of several, what comes again the nearest.
+    let complete = |found: &Recurrence| {
+        let tracks = follow(&found.round, found.length, None);
+        tracks.iter().filter(|track| !track.laps(0).is_empty()).count()
+    };
+    let most = found.iter().enumerate().max_by_key(|(i, found)| (complete(found), usize::MAX - i));
+    let Some((_, Recurrence { length, round, .. })) = most else {
         let others = if traces.len() > 1 { ", nor does any other demonstration" } else { "" };
         let problem = format!(
             "its motion does not come again{others}: expected a periodic skill to be demonstrated in two rounds or \
@@ -170,16 +181,14 @@ fn laps(
         );
         return Err(failed(0, problem));
     };
-    let follow = |round: &[Feature], usual: Option<f64>| -> Vec<Track> {
-        traces.iter().map(|trace| Track::new(trace, round, length, usual)).collect()
-    };
-    let mut tracks = follow(&round, None);
+    let (length, mut round) = (*length, round.clone());
+    let mut tracks = follow(&round, length, None);
     for _ in 0..REFINED {
         round = mean_round(&tracks, &round);
         let mut apart: Vec<f64> =
             tracks.iter().filter_map(|track| track.distance(&round)).collect();
         apart.sort_by(f64::total_cmp);
-        tracks = follow(&round, apart.get(apart.len() / 2).copied());
+        tracks = follow(&round, length, apart.get(apart.len() / 2).copied());
     }
     let mut laps = Vec::new();
     for (i, track) in tracks.iter().enumerate() {

@@ -349,7 +349,7 @@ pub struct FieldModel {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Component {
-    /// Mean μ \[u\], and last its phase.
+    /// Mean μ \[u\], and last its phase. Of a periodic skill, such that Σ w_k μ_k is the demonstrated path.
     pub mean: Vec<f64>,
     /// Riemannian metric, symmetric positive definite, rows; for the goal the identity but for the
     /// phase, whose entry is an inertia \[u²\].

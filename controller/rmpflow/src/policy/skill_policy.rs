@@ -186,7 +186,7 @@ impl SkillPolicy {
     }
 
     /// A place of the skill's path for these frames, in the world: of fields the valley at a phase, of products
-    /// the mean of a component. Not finite for fewer frames than the policy has.
+    /// the mean of a component; of what goes round, the demonstrated path. Not finite for fewer frames than the policy has.
     ///
     /// * `fraction`  0 at the start of the path, 1 at its end
     ///
@@ -205,8 +205,8 @@ impl SkillPolicy {
     /// The goal for these frames, in the world; not finite for fewer frames than the policy has. A skill that goes
     /// round has none: the place of its path at the present phase.
     ///
-    /// Hot path: no allocation; after [`SkillPolicy::evaluate`] with the same frames it costs nothing, or one look
-    /// at the valley.
+    /// Hot path: no allocation; after [`SkillPolicy::evaluate`] with the same frames it costs nothing, or the weights of
+    /// one phase.
     #[must_use]
     pub fn goal(&self, frames: &[MovingPose], state: &mut PolicyState) -> Pose {
         match self {

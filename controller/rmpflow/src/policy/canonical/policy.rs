@@ -271,20 +271,22 @@ impl CanonicalPolicy {
     }
 
     /// The valley at a phase, for these frames, in the world; `None` for too few of them, and where there is no
-    /// valley. No allocation.
+    /// valley. Of a skill that goes round, which never comes to rest in its valley, the demonstrated path. No allocation.
     #[must_use]
     pub fn on_path(&self, frames: &[MovingPose], phase: f64) -> Option<Pose> {
-        fn valley<const N: usize>(field: &Field<N>, phase: f64) -> Option<DVec3> {
-            let y = field.valley(phase)?.point;
+        let goes_round = self.cycle.is_some();
+        let valley = |field: &Field<4>| place(field, phase, goes_round);
+        fn place<const N: usize>(field: &Field<N>, phase: f64, goes_round: bool) -> Option<DVec3> {
+            let y = if goes_round { field.mean(phase) } else { field.valley(phase)?.point };
             Some(DVec3::new(y[0], y[1], if N > 3 { y[2] } else { 0.0 }))
         }
         let transforms = self.transforms(frames)?;
         let position = match &self.position {
-            PositionField::Plane(field) => valley(field, phase),
-            PositionField::Space(field) => valley(field, phase),
+            PositionField::Plane(field) => place(field, phase, goes_round),
+            PositionField::Space(field) => valley(field),
         }?;
         let rotation = match &self.orientation {
-            Some(field) => valley(field, phase)?,
+            Some(field) => valley(field)?,
             None => DVec3::ZERO,
         };
         Some(self.map.forward(&transforms, phase, &Canonical { position, rotation }))
