@@ -13,8 +13,9 @@
 //! no g: that fixes the constant to which Φ is only determined, and keeps φ_G at rest at the goal.
 
 use nalgebra::{SMatrix, SVector};
+use tprmp_model::skill_model::{RoundCopy, copies};
 use tprmp_rmpflow::policy::canonical::field::{Component, Field};
-use tprmp_rmpflow::policy::canonical::rounds::{RoundCopy, copies, in_round};
+use tprmp_rmpflow::policy::canonical::rounds::in_round;
 
 /// The part of a field on N coordinates, the phase the last of them, that is settled before the convex
 /// program: where its components are, and with what metric.

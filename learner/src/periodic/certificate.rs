@@ -40,10 +40,13 @@ struct Start {
     pose: Pose,
 }
 
+/// Pose, seen from the frame, and time \[s\].
+type Passed = (Pose, f64);
+
 /// How a rollout went.
 struct Went {
     /// Pose, seen from the frame, and time at each place that was passed, from a whole number of rounds on.
-    passed: Vec<(Pose, f64)>,
+    passed: Vec<Passed>,
     /// Poses of the last round, seen from the frame.
     last_round: Vec<Pose>,
     /// Largest rise of V in a step.
@@ -54,34 +57,34 @@ struct Went {
 
 impl Went {
     /// The places of the last round, and those of the round before; `None` when it did not go round twice.
-    fn returns(&self) -> Option<(&[(Pose, f64)], &[(Pose, f64)])> {
+    fn returns(&self) -> Option<[&[Passed]; 2]> {
         let end = self.passed.len().checked_sub(1)? / PLACES * PLACES + 1;
         let last = self.passed.get(end.checked_sub(PLACES + 1)?..end)?;
         let before = self.passed.get(end.checked_sub(2 * PLACES + 1)?..end - PLACES)?;
-        Some((last, before))
+        Some([last, before])
     }
 
     /// How far apart the last two rounds are [m, rad].
     fn return_error(&self) -> [f64; 2] {
-        self.returns().map_or([f64::INFINITY; 2], |(last, before)| apart(last, before))
+        self.returns().map_or([f64::INFINITY; 2], |[last, before]| apart(last, before))
     }
 
     /// How far the last round is from that of another rollout [m, rad].
     fn from(&self, other: &Self) -> [f64; 2] {
         match (self.returns(), other.returns()) {
-            (Some((own, _)), Some((others, _))) => apart(own, others),
+            (Some([own, _]), Some([others, _])) => apart(own, others),
             _ => [f64::INFINITY; 2],
         }
     }
 
     /// How long the last round took \[s\].
     fn period_s(&self) -> f64 {
-        self.returns().map_or(0.0, |(last, _)| last[PLACES].1 - last[0].1)
+        self.returns().map_or(0.0, |[last, _]| last[PLACES].1 - last[0].1)
     }
 }
 
 /// Largest distance and angle between poses [m, rad].
-fn apart(a: &[(Pose, f64)], b: &[(Pose, f64)]) -> [f64; 2] {
+fn apart(a: &[Passed], b: &[Passed]) -> [f64; 2] {
     a.iter().zip(b).fold([0.0, 0.0], |[metres, radians]: [f64; 2], ((a, _), (b, _))| {
         let (position, rotation) =
             ((a.position - b.position).length(), a.rotation_from(b).length());
@@ -354,7 +357,7 @@ impl CycleCertifier<'_> {
 }
 
 /// Pose and time where each place was passed for the first time, from a whole number of rounds on.
-fn passed(steps: &[(f64, Pose, f64)]) -> Vec<(Pose, f64)> {
+fn passed(steps: &[(f64, Pose, f64)]) -> Vec<Passed> {
     let Some((begun, ..)) = steps.first() else { return Vec::new() };
     let (mut passed, mut next) = (Vec::new(), begun.ceil());
     for pair in steps.windows(2) {

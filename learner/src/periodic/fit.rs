@@ -5,9 +5,8 @@ use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model::{
-    FieldModel, FrameGaussian, FrameMixture, Gaussian, PolicyModel, Program, ProgramFit,
+    FieldModel, FrameGaussian, FrameMixture, Gaussian, PolicyModel, Program, ProgramFit, copies,
 };
-use tprmp_rmpflow::policy::canonical::rounds::copies;
 
 use crate::canonical::path::Path;
 use crate::fit::targets::BlockPath;

@@ -48,7 +48,7 @@ impl Track {
             .zip(&places)
             .map(|(feature, place)| beside(feature, round, *place))
             .collect();
-        let on = usual.map_or(ON, |usual| (USUAL[0] * usual).max(USUAL[1]).min(ON));
+        let on = usual.map_or(ON, |usual| (USUAL[0] * usual).clamp(USUAL[1], ON));
         let stretch = longest(&fitted, on);
         let rounds: Vec<f64> =
             fitted[stretch.clone()].iter().map(|(place, _)| place / PLACES as f64).collect();
@@ -173,9 +173,9 @@ fn rising(rounds: &[f64]) -> Vec<f64> {
         let (mut sum, mut weights) = (0.0, 0.0);
         // As far to both sides, so that the ends are not drawn inwards.
         let reach = reach.min(i).min(rounds.len() - 1 - i);
-        for j in i - reach..=i + reach {
+        for (j, own) in rounds.iter().enumerate().take(i + reach + 1).skip(i - reach) {
             let weight = (-0.5 * ((j as f64 - i as f64) / WIDTH).powi(2)).exp();
-            sum += weight * (rounds[j] - even(j));
+            sum += weight * (own - even(j));
             weights += weight;
         }
         even(i) + sum / weights

@@ -1,10 +1,9 @@
 //! What the values of a skill file have to be.
 
 use tprmp_files::name;
-use tprmp_model::skill_model::FRAME_CAPACITY;
+use tprmp_model::skill_model::{FRAME_CAPACITY, copies};
 use tprmp_rmpflow::policy::canonical::field::COMPONENT_CAPACITY;
 use tprmp_rmpflow::policy::canonical::frame_map::PHASE_DISTANCE_MIN;
-use tprmp_rmpflow::policy::canonical::rounds::copies;
 
 use crate::demonstration::DURATION_MAX_S;
 use crate::skill::settings::{Certification, FitSettings, MotionSettings, Skill};

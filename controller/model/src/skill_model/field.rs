@@ -3,9 +3,10 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{SMatrix, SVector};
 use tprmp_rmpflow::policy::canonical::field::{self, Field};
-use tprmp_rmpflow::policy::canonical::rounds::{RoundCopy, copies, in_round};
+use tprmp_rmpflow::policy::canonical::rounds::in_round;
 
 use crate::skill_model::model::{Component, FieldModel, Pose};
+use crate::skill_model::rounds::{RoundCopy, copies};
 
 impl From<Pose> for tprmp_spatial::Pose {
     fn from(pose: Pose) -> Self {

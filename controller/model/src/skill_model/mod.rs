@@ -39,6 +39,7 @@ mod gripper;
 mod interval;
 mod model;
 mod recomputed;
+mod rounds;
 mod upgrade;
 mod validate;
 pub mod valley;
@@ -61,6 +62,7 @@ pub use model::{
     ThesisModel, Waypoint,
 };
 pub use recomputed::verify;
+pub use rounds::{RoundCopy, copies};
 pub use tprmp_rmpflow::policy::FRAME_CAPACITY;
 pub use tprmp_rmpflow::policy::canonical::adaptation::{COORDINATES, SPLINES};
 pub use validate::GRIPPER_EVENTS_MAX;
