@@ -166,7 +166,8 @@ pub fn train(
     train_from(&skill, &demonstrations, components, seed, progress)
 }
 
-/// Trains a skill that goes round; the number of its components is never chosen.
+/// Trains a skill that goes round. The number of its components is not chosen by the information criterion, which is
+/// of mixtures that are learned.
 fn train_periodic(
     skill: Skill,
     demonstrations: &[Demonstration],
@@ -178,8 +179,27 @@ fn train_periodic(
         Components::SkillFile | Components::Auto { .. } => skill.mixture.components,
     };
     let skill = skill.with_components(count).map_err(ChoiceError::Components)?;
+    let mut trained = learn_periodic(&skill, demonstrations, seed)?;
+    if let Components::Auto { .. } = components {
+        trained.warnings.push(format!(
+            "the number of components of a periodic skill is not chosen: it is that of the skill file, {count}"
+        ));
+    }
+    if let Some(origin) = components.origin().filter(|_| matches!(components, Components::Count(_)))
+    {
+        let parameters = &mut trained.model.provenance.hyper_parameters;
+        parameters.push(("mixture.components_origin".into(), origin));
+    }
+    Ok(trained)
+}
+
+fn learn_periodic(
+    skill: &Skill,
+    demonstrations: &[Demonstration],
+    seed: u64,
+) -> Result<Trained, TrainError> {
     let periodic::Learned { model, warnings, samples, times } =
-        periodic::learn(&skill, demonstrations, seed)?;
+        periodic::learn(skill, demonstrations, seed)?;
     let steps = [Step::Alignment, Step::Fit, Step::DemonstratedStarts, Step::Certificate];
     let times = steps.into_iter().zip(times).collect();
     Ok(Trained { model, warnings, times, samples, choice: None })
@@ -280,6 +300,9 @@ pub fn learn(
     seed: u64,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Trained, TrainError> {
+    if skill.motion == MotionSettings::Periodic {
+        return learn_periodic(skill, recorded, seed);
+    }
     let started = Instant::now();
     let mode = Mode::of_all(skill, recorded)?;
     let aligned = started.elapsed();

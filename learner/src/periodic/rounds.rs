@@ -18,8 +18,10 @@ use crate::periodic::trace::{Feature, Trace, Units, seen};
 use crate::periodic::tracking::{Lap, Track};
 use crate::skill::Skill;
 
-/// Fewest and most samples of a round.
+/// Fewest and most samples of a round, …
 const SAMPLES: [f64; 2] = [120.0, 300.0];
+/// … and about the most of all, so that a fit of many takes seconds.
+const SAMPLES_IN_ALL: f64 = 6000.0;
 /// Fewest rounds in all.
 const ROUNDS_MIN: usize = 2;
 /// How often the mean round and where recordings are on it are found anew.
@@ -81,7 +83,8 @@ impl Rounds {
         let per_sample = |lap: &Lap| &demonstrations[lap.recording];
         let shortest =
             laps.iter().map(|lap| per_sample(lap).sampling_time_s).fold(f64::MAX, f64::min);
-        let count = (common.period_s / shortest).clamp(SAMPLES[0], SAMPLES[1]).round() as usize;
+        let most = (SAMPLES_IN_ALL / laps.len() as f64).clamp(SAMPLES[0], SAMPLES[1]);
+        let count = (common.period_s / shortest).clamp(SAMPLES[0], most).round() as usize;
         let phases: Vec<f64> = (0..count).map(|i| i as f64 / count as f64).collect();
         let sampled: Vec<Vec<Pose>> = laps
             .iter()
