@@ -86,9 +86,11 @@ impl<const N: usize> Cycle<N> {
     ) -> Self {
         let Replacement { policy, workspace, scene } = new;
         let limits = JointLimits::new(policy.chain(), &config.robot);
+        let mut task = TaskState::new(config.lift, config.done, policy.has_orientation());
+        task.set_skill(policy.has_orientation(), policy.is_periodic());
         Self {
             workspace,
-            task: TaskState::new(config.lift, config.done, policy.has_orientation()),
+            task,
             stall: StallDetector::default(),
             motion: MotionGenerator::new(limits, config),
             braking_for: None,
@@ -272,7 +274,7 @@ impl<const N: usize> Cycle<N> {
                 core::mem::swap(workspace, &mut new.workspace);
                 core::mem::swap(&mut inbox.scene, &mut new.scene);
                 inbox.update_scene();
-                task.set_has_orientation(policy.has_orientation());
+                task.set_skill(policy.has_orientation(), policy.is_periodic());
                 task.interrupt();
             });
         }
@@ -383,6 +385,7 @@ impl<const N: usize> Cycle<N> {
         let progress = Progress {
             speed: state.velocity.amax(),
             distance_m: remaining.distance_m,
+            rounds: decision.rounds,
             energy: decision.energy,
             goal_speed_m_s: goal_frame.fixed_point(from_frame).first().length(),
         };

@@ -83,8 +83,10 @@ pub struct Decision<const N: usize> {
     pub acceleration: SVector<f64, N>,
     /// Pose of the tool.
     pub tool: Pose,
-    /// Goal of the first skill as the frames are now.
+    /// Goal of the first skill as the frames are now; of one that goes round, where it should be.
     pub goal: Pose,
+    /// How far a first skill that goes round has come since its start \[rounds\]; `None` for one that goes to a goal.
+    pub rounds: Option<f64>,
     /// V of the skills \[J\].
     pub energy: f64,
     /// Of obstacles, and of the arm itself.
@@ -192,6 +194,12 @@ impl<const N: usize> RobotPolicy<N> {
     /// What bounds the velocities that the first skill asks for.
     pub fn governor(&mut self) -> &mut SpeedGovernor {
         &mut self.skills[0].governor
+    }
+
+    /// Whether the first skill goes round, and does not end by itself.
+    #[must_use]
+    pub fn is_periodic(&self) -> bool {
+        self.skills[0].is_periodic()
     }
 
     /// Whether the first skill acts on the orientation too.
@@ -306,10 +314,14 @@ impl<const N: usize> RobotPolicy<N> {
         let obstructed_fraction = resolved.proximity.obstructed_fraction;
         let held = if commanded { 0.0 } else { obstructed_fraction };
         workspace.skills.iter_mut().for_each(|skill| skill.state.set_obstructed(held));
+        let first = &workspace.skills[0].state;
+        let rounds = first.phase().filter(|_| self.is_periodic());
+        let rounds = rounds.map(|phase| first.rounds() + phase.value);
         Ok(Decision {
             acceleration: resolved.acceleration,
             tool,
             goal,
+            rounds,
             energy: learned_energy,
             proximity: Proximity {
                 obstructed_fraction,

@@ -160,6 +160,12 @@ impl SkillLeaf {
         &self.modes[state.mode.map_or(0, |choice| choice.mode)]
     }
 
+    /// Whether it goes round, and does not end by itself.
+    #[must_use]
+    pub fn is_periodic(&self) -> bool {
+        self.modes[0].is_periodic()
+    }
+
     /// Whether it acts on the orientation too.
     #[must_use]
     pub fn has_orientation(&self) -> bool {

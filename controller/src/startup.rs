@@ -186,6 +186,19 @@ pub fn load_skills(
         let expected = format!("models of at most {FRAME_CAPACITY} frames together");
         return Err(StartError::key(config_path, "additional_skills", expected, frames));
     }
+    if skills[0].model.motion.period_s().is_some() {
+        // What follows upon a goal, or leads to it.
+        for (key, is_set) in [
+            ("approach", config.approach.is_some()),
+            ("goal_attractor", config.goal_attractor.is_some()),
+            ("lift", config.lift.is_some()),
+        ] {
+            if is_set {
+                let expected = "none for a periodic skill, which goes round and has no goal";
+                return Err(StartError::key(config_path, key, expected, "one"));
+            }
+        }
+    }
     let joints = config.robot.joints.len();
     let dimension = skills.iter().map(|skill| skill.model.manifold.dimension()).max().unwrap_or(0);
     if dimension < joints && config.joint_damping.inertia <= 0.0 {
@@ -368,6 +381,10 @@ pub fn cycle<const N: usize>(
     shared: Shared,
 ) -> Result<Cycle<N>, StartError> {
     let config = &loaded.config;
+    if until_done && loaded.skills[0].model.motion.period_s().is_some() {
+        let expected = "a skill that ends, to leave once it is done";
+        return Err(StartError::key(config_path, "--until-done", expected, "a periodic one"));
+    }
     let replacement = replacement::<N>(config_path, loaded)?;
     let mut ports: ControllerPorts = instance.open_controller()?;
     if config.external.is_some() {

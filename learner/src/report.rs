@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use nalgebra::DMatrix;
 use tprmp_drawing::quantile;
 use tprmp_model::skill_model::{
-    Canonical, Certificate, DemonstrationRollout, FieldModel, Fit, FrameMixture, Gaussian,
+    Canonical, Certificate, DemonstrationRollout, FieldModel, Fit, FrameMixture, Gaussian, Motion,
     PolicyModel, Pose, ProgramFit, Remarks, SkillModel, ThesisModel,
 };
 
@@ -43,7 +43,8 @@ pub fn trained(trained: &Trained) -> String {
     );
     for (i, mode) in model.modes().enumerate() {
         mode_line(&mut text, model, i);
-        fit(&mut text, &mode.fit);
+        cycle(&mut text, mode);
+        fit(&mut text, mode);
         agreement(&mut text, mode);
         gripper(&mut text, mode);
         certificate(&mut text, &mode.certificate);
@@ -99,7 +100,20 @@ pub fn inspected(model: &SkillModel) -> String {
     let mut text = String::new();
     line!(text, "skill", "{} ({})", model.skill, model.manifold);
     line!(text, "moves", "link `{}`", model.tool_frame);
-    line!(text, "frames", "from `{}` to a goal fixed to `{}`", model.start_frame, model.goal_frame);
+    match model.motion {
+        Motion::Discrete => {
+            line!(
+                text,
+                "frames",
+                "from `{}` to a goal fixed to `{}`",
+                model.start_frame,
+                model.goal_frame
+            );
+        }
+        Motion::Periodic { .. } => {
+            line!(text, "frames", "round for ever, fixed to `{}`", model.goal_frame);
+        }
+    }
     for (i, mode) in model.modes().enumerate() {
         if i > 0 {
             text.push('\n');
@@ -116,7 +130,8 @@ pub fn inspected(model: &SkillModel) -> String {
 
 /// All of a mode.
 fn inspected_mode(text: &mut String, model: &SkillModel) {
-    canonical(text, &model.canonical);
+    cycle(text, model);
+    canonical(text, model);
     match &model.policy {
         PolicyModel::Canonical { position, orientation } => {
             field(text, "position", "m", position);
@@ -129,7 +144,7 @@ fn inspected_mode(text: &mut String, model: &SkillModel) {
     gaussians(text, &model.gaussians);
     frames(text, &model.frames);
     text.push('\n');
-    fit(text, &model.fit);
+    fit(text, model);
     agreement(text, model);
     gripper(text, model);
     certificate(text, &model.certificate);
@@ -153,12 +168,30 @@ fn inspected_mode(text: &mut String, model: &SkillModel) {
     }
 }
 
+/// The limit cycle, and the rounds it was learned from.
+fn cycle(text: &mut String, model: &SkillModel) {
+    let Some(told) = model.cycle_line() else { return };
+    line!(text, "limit cycle", "{told}");
+    let Some(cycle) = &model.certificate.cycle else { return };
+    let files = model.provenance.demonstrations.iter().zip(&cycle.rounds);
+    let rounds: Vec<String> =
+        files.map(|(from, count)| format!("{count} in `{}`", from.file)).collect();
+    line!(text, "rounds", "{}", rounds.join(", "));
+}
+
 /// Frames and goal in canonical coordinates.
-fn canonical(text: &mut String, canonical: &Canonical) {
+fn canonical(text: &mut String, model: &SkillModel) {
+    let canonical = &model.canonical;
     text.push_str(
         "\ncanonical pose              x       y       z [m]      w      x      y      z\n",
     );
     let Canonical { start_phase, goal_phase, .. } = canonical;
+    if !model.motion.is_discrete() {
+        pose(text, "frame", &canonical.goal_frame);
+        pose(text, "at phase 0", &canonical.start);
+        pose(text, "mean of a round", &canonical.goal);
+        return;
+    }
     pose(text, &format!("start frame to {start_phase:.2}"), &canonical.start);
     pose(text, &format!("goal frame from {goal_phase:.2}"), &canonical.goal_frame);
     pose(text, "goal", &canonical.goal);
@@ -211,11 +244,14 @@ fn field(text: &mut String, block: &str, unit: &str, field: &FieldModel) {
         "\n{block} field, d = {} 1/s\ncomponent  potential [{unit}²/s²]  mean [{unit}], phase",
         field.damping_1_s
     );
+    let is_goal = |k: usize| field.fall_per_round.is_none() && k + 1 == field.components.len();
     for (k, component) in field.components.iter().enumerate() {
-        let name =
-            if k + 1 == field.components.len() { "goal".into() } else { (k + 1).to_string() };
+        let name = if is_goal(k) { "goal".into() } else { (k + 1).to_string() };
         let mean: Vec<_> = component.mean.iter().map(|x| format!("{x:8.4}")).collect();
         say!(text, "{name:>9}  {:>18.4}  {}", component.potential, mean.join(" "));
+    }
+    if let Some(fall) = field.fall_per_round {
+        say!(text, "each round later the potentials are lower by {fall:.4} {unit}²/s²");
     }
 }
 
@@ -252,7 +288,13 @@ fn frames(text: &mut String, frames: &[FrameMixture]) {
     }
 }
 
-fn fit(text: &mut String, fit: &Fit) {
+fn fit(text: &mut String, model: &SkillModel) {
+    let fit = &model.fit;
+    if !model.motion.is_discrete() {
+        fit.programs.iter().for_each(|program| program_fit(text, program));
+        followed_rounds(text, fit);
+        return;
+    }
     line!(
         text,
         "mixture",
@@ -284,6 +326,29 @@ fn fit(text: &mut String, fit: &Fit) {
         );
     }
     judgement(text, fit);
+}
+
+/// How what goes round follows each demonstration.
+fn followed_rounds(text: &mut String, fit: &Fit) {
+    text.push_str(
+        "\nfrom the start of                  comes to a cycle   beside its path     beside the mean   a round takes\n\
+         \x20                                    [mm]    [°]     [mm]    [°] rms     [mm]    [°] rms   [s]  demonstrated [s]\n",
+    );
+    for row in &fit.demonstrations {
+        say!(
+            text,
+            "{:<32} {:>8.4} {:>6.3}  {:>7.2} {:>6.2} {:>12.2} {:>6.2} {:>10.2} {:>8.2}",
+            row.name,
+            row.goal_error_m * 1e3,
+            row.goal_error_rad.to_degrees(),
+            row.path_rms_m * 1e3,
+            row.path_rms_rad.to_degrees(),
+            row.tracking_rms_m * 1e3,
+            row.tracking_rms_rad.to_degrees(),
+            row.execution_s,
+            row.duration_s
+        );
+    }
 }
 
 /// What the figures mean, in one line.
@@ -375,23 +440,27 @@ fn certificate(text: &mut String, certificate: &Certificate) {
     let verdict = if certificate.holds() { "holds" } else { "FAILS" };
     text.push('\n');
     line!(text, "certificate", "{}", verdict);
+    let goes_round = certificate.cycle.is_some();
     for block in &certificate.blocks {
+        let (gradient, hessian) = (block.goal_gradient, block.goal_hessian_min_1_s2);
+        let goal = match goes_round {
+            true => String::new(),
+            false => format!("; at the goal |M⁻¹∇Φ| = {gradient:.1e}, Hessian ≥ {hessian:.2} M"),
+        };
         line!(
             text,
             format!("  {}", block.name),
-            "metric between {:.3e} and {:.3e} everywhere; at the goal |M⁻¹∇Φ| = {:.1e}, \
-                 Hessian ≥ {:.2} M",
+            "metric between {:.3e} and {:.3e} everywhere{goal}",
             block.metric_eigenvalue_min,
-            block.metric_eigenvalue_max,
-            block.goal_gradient,
-            block.goal_hessian_min_1_s2
+            block.metric_eigenvalue_max
         );
         if let Some(valley) = &block.valley {
             let valley = format!(
-                "valley: stiffness ≥ {:.2} M everywhere, falls towards the goal by at least {:.2e} a \
-                 phase, {}",
+                "valley: stiffness ≥ {:.2} M everywhere, falls {} by at least {:.2e} a {}, {}",
                 valley.stiffness_min_1_s2,
+                if goes_round { "all along, so that it never stops," } else { "towards the goal" },
                 valley.descent_min,
+                if goes_round { "round" } else { "phase" },
                 match valley.unproved {
                     None if valley.intervals > 0 =>
                         format!("proved for every phase on {} intervals", valley.intervals),
@@ -410,10 +479,10 @@ fn certificate(text: &mut String, certificate: &Certificate) {
         line!(
             text,
             label,
-            "{} of {} reach the goal, worst end {:.4} mm, {:.4}°; energy rises by {:.1e} in a \
-                 step of {} s",
+            "{} of {} {}, worst end {:.4} mm, {:.4}°; energy rises by {:.1e} in a step of {} s",
             rollouts.reached,
             rollouts.starts,
+            if goes_round { "come to the one limit cycle" } else { "reach the goal" },
             rollouts.goal_error_max_m * 1e3,
             rollouts.goal_error_max_rad.to_degrees(),
             rollouts.energy_rise_max,

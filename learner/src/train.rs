@@ -4,8 +4,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use tprmp_model::skill_model::{
-    Canonical, Certificate, DemonstrationRollout, EvaluationError, Figure, Fit, FrameMixture,
-    PolicyModel, ProgramFit, ProgramStatus, Provenance, SkillModel, Source, Waypoint,
+    Canonical, Certificate, EvaluationError, Figure, Fit, FrameMixture, Motion, PolicyModel,
+    ProgramFit, Provenance, SkillModel, Source, Waypoint,
 };
 use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
 
@@ -22,21 +22,16 @@ use crate::demonstration::{
 use crate::file_error::FileError;
 use crate::fit::thesis::ThesisFit;
 use crate::fit::{self, FitError, Reason};
+use crate::fit_warnings::fit_warnings;
 use crate::gripper_events;
 use crate::mixture::MixtureError;
 use crate::mixture::components::{Choice, ChoiceError, Components, choose};
 use crate::mixture::tp_gmm::{Samples, TpGmm, uninformative_frames};
 use crate::modes::{self, Mode, Modes};
+use crate::periodic::{self, PeriodicError};
 use crate::proposed_frames;
-use crate::skill::{FitSettings, Skill};
+use crate::skill::{FitSettings, MotionSettings, Skill};
 
-/// A demonstration is warned of when it is left by more than this fraction of the skill's span.
-const PATH_FRACTION_MAX: f64 = 0.05;
-
-/// … or by more than this angle \[rad\].
-const PATH_MAX_RAD: f64 = 0.1;
-/// An execution that lasts another fraction of the demonstration is warned of.
-const PACE_RANGE: [f64; 2] = [0.5, 2.0];
 /// Smoothing over more than this fraction of a motion leaves little of it.
 const WINDOW_FRACTION_MAX: f64 = 0.5;
 
@@ -64,6 +59,9 @@ pub enum TrainError {
     /// The learned numbers cannot be computed with.
     #[error("the learned policy cannot be evaluated: {0}")]
     Evaluation(#[from] EvaluationError),
+    /// A periodic skill.
+    #[error(transparent)]
+    Periodic(#[from] PeriodicError),
 }
 
 /// A trained model, and how the training went.
@@ -164,9 +162,52 @@ pub fn train(
     }
     let others = &skill.other_frames;
     let demonstrations = read_folder(&folder, name, skill.manifold, start, goal, others)?;
-    let mut trained = train_from(&skill, &demonstrations, components, seed, progress)?;
+    let mut trained = if skill.motion == MotionSettings::Periodic {
+        train_periodic(skill, &demonstrations, components, seed)?
+    } else {
+        train_from(&skill, &demonstrations, components, seed, progress)?
+    };
     trained.warnings.extend(skipped);
     Ok(trained)
+}
+
+/// Trains a skill that goes round. The number of its components is not chosen by the information criterion, which is
+/// of mixtures that are learned.
+fn train_periodic(
+    skill: Skill,
+    demonstrations: &[Demonstration],
+    components: Components,
+    seed: u64,
+) -> Result<Trained, TrainError> {
+    let count = match components {
+        Components::Count(count) => count,
+        Components::SkillFile | Components::Auto { .. } => skill.mixture.components,
+    };
+    let skill = skill.with_components(count).map_err(ChoiceError::Components)?;
+    let mut trained = learn_periodic(&skill, demonstrations, seed)?;
+    if let Components::Auto { .. } = components {
+        trained.warnings.push(format!(
+            "the number of components of a periodic skill is not chosen: it is that of the skill file, {count}"
+        ));
+    }
+    if let Some(origin) = components.origin().filter(|_| matches!(components, Components::Count(_)))
+    {
+        let parameters = &mut trained.model.provenance.hyper_parameters;
+        parameters.push(("mixture.components_origin".into(), origin));
+    }
+    Ok(trained)
+}
+
+fn learn_periodic(
+    skill: &Skill,
+    demonstrations: &[Demonstration],
+    seed: u64,
+) -> Result<Trained, TrainError> {
+    let periodic::Learned { model, warnings, samples, times } =
+        periodic::learn(skill, demonstrations, seed)?;
+    let steps = [Step::Alignment, Step::Fit, Step::DemonstratedStarts, Step::Certificate];
+    let times = steps.into_iter().zip(times).collect();
+    Ok(Trained { model, warnings, times, samples, choice: None })
 }
 
 /// Trains a skill from its demonstrations.
@@ -264,6 +305,9 @@ pub fn learn(
     seed: u64,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Trained, TrainError> {
+    if skill.motion == MotionSettings::Periodic {
+        return learn_periodic(skill, recorded, seed);
+    }
     let started = Instant::now();
     let mode = Mode::of_all(skill, recorded)?;
     let aligned = started.elapsed();
@@ -381,6 +425,7 @@ impl FittedPolicy {
         SkillModel {
             skill: skill.skill.clone(),
             manifold: skill.manifold,
+            motion: Motion::Discrete,
             tool_frame: skill.tool_frame.clone(),
             start_frame: skill.start_frame.clone(),
             goal_frame: skill.goal_frame.clone(),
@@ -502,57 +547,6 @@ fn left_out_frames(
             format!("the frame `{name}` is left out of the path: {why}")
         })
         .collect()
-}
-
-fn fit_warnings(fit: &Fit, span_m: f64) -> Vec<String> {
-    let Fit { programs, demonstrations, .. } = fit;
-    let reduced = programs.iter().filter(|program| program.status != ProgramStatus::Solved);
-    let reduced = reduced.map(|program| {
-        format!("the {} was solved to a reduced accuracy only ({})", program.name, program.status)
-    });
-    let mut warnings: Vec<String> = reduced.collect();
-    warnings.extend(left(
-        demonstrations,
-        |row| row.path_rms_m,
-        PATH_FRACTION_MAX * span_m,
-        |most| {
-            format!(
-                "{:.1} mm (rms) where {span_m:.2} m are spanned: does it contradict the others?",
-                1e3 * most
-            )
-        },
-    ));
-    warnings.extend(left(
-        demonstrations,
-        |row| row.path_rms_rad,
-        PATH_MAX_RAD,
-        |most| {
-            format!("{:.1}° (rms): do its orientations contradict the others'?", most.to_degrees())
-        },
-    ));
-    let pace = |row: &&DemonstrationRollout| {
-        let ratio = row.execution_s / row.duration_s;
-        !(PACE_RANGE[0]..=PACE_RANGE[1]).contains(&ratio)
-    };
-    if let Some(row) = demonstrations.iter().find(pace) {
-        warnings.push(format!(
-            "the motion of `{}` took {:.1} s, and is executed in {:.1} s",
-            row.name, row.duration_s, row.execution_s
-        ));
-    }
-    warnings
-}
-
-/// The demonstration that is left farthest, and how many others are left too.
-fn left(
-    demonstrations: &[DemonstrationRollout],
-    by: fn(&DemonstrationRollout) -> f64,
-    most: f64,
-    text: impl Fn(f64) -> String,
-) -> Option<String> {
-    let far = demonstrations.iter().filter(|row| by(row) > most);
-    let worst = far.clone().max_by(|a, b| by(a).total_cmp(&by(b)))?;
-    Some(format!("{} is left by {}", with_others(&worst.name, far.count()), text(by(worst))))
 }
 
 #[cfg(test)]

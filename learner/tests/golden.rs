@@ -5,7 +5,9 @@ mod common;
 
 use std::path::Path;
 
+use common::rounds::{all, periodic, wiping};
 use common::{Folder, arcs, skill_text};
+use tprmp_learner::periodic::learn as learn_periodic;
 use tprmp_learner::skill::Skill;
 use tprmp_learner::train::learn;
 use tprmp_model::skill_model::{Manifold, PolicyModel, to_text};
@@ -47,12 +49,17 @@ fn check(name: &str, template: &str, manifold: Manifold) {
         // Its rollouts pass between attractors: they are not for comparing.
         text.truncate(text.find("\n    fit: (").expect("a model has its fit"));
     }
+    compare(name, &text);
+}
+
+#[track_caller]
+fn compare(name: &str, text: &str) {
     let stored = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/{name}.ron"));
     if std::env::var_os("TPRMP_RENEW_GOLDEN").is_some() {
-        std::fs::write(&stored, &text).unwrap();
+        std::fs::write(&stored, text).unwrap();
     }
     let golden = std::fs::read_to_string(&stored).unwrap();
-    let (found, expected) = (tokens(&text), tokens(&golden));
+    let (found, expected) = (tokens(text), tokens(&golden));
     assert_eq!(found.len(), expected.len(), "{name}: another structure than the stored model's");
     for (i, (token, stored)) in found.iter().zip(&expected).enumerate() {
         let before = expected[i.saturating_sub(6)..i].join(" ");
@@ -83,4 +90,12 @@ fn a_model_learned_as_published_is_the_stored_one() {
 #[test]
 fn a_thesis_model_of_poses_is_the_stored_one() {
     check("thesis_poses", "pick_thesis.ron", Manifold::R3S3);
+}
+
+#[test]
+fn a_periodic_model_in_the_plane_is_the_stored_one() {
+    let skill = periodic(common::skill("planar.ron")).with_components(2 * COMPONENTS).unwrap();
+    let demonstrations = all(Manifold::R2, wiping, &[2.2, 3.4]);
+    let learned = learn_periodic(&skill, &demonstrations, 1).unwrap();
+    compare("periodic_plane", &to_text(&learned.model));
 }

@@ -8,8 +8,8 @@ use tprmp_model::skill_model::{
     ActiveConstraints, Adaptation, BlockCertificate, COORDINATES, Canonical, Certificate,
     Component, Constraints, DemonstrationRollout, FieldModel, Figure, Fit, FrameGaussian,
     FrameMixture, GRIPPER_EVENTS_MAX, Gaussian, GripperAction, GripperEvent, Manifold, ModelError,
-    PolicyModel, Pose, Program, ProgramFit, ProgramStatus, Provenance, Remarks, Rollouts, SPLINES,
-    SkillModel, Source, ThesisModel, ValleyCertificate, Waypoint, read, to_text, write,
+    Motion, PolicyModel, Pose, Program, ProgramFit, ProgramStatus, Provenance, Remarks, Rollouts,
+    SPLINES, SkillModel, Source, ThesisModel, ValleyCertificate, Waypoint, read, to_text, write,
 };
 
 /// A folder of this test alone, removed at its end.
@@ -83,6 +83,7 @@ fn model() -> SkillModel {
     SkillModel {
         skill: "line".into(),
         manifold: Manifold::R2,
+        motion: Motion::Discrete,
         tool_frame: "point".into(),
         start_frame: "start".into(),
         goal_frame: "end".into(),
@@ -114,6 +115,7 @@ fn model() -> SkillModel {
                 damping_1_s: 8.0,
                 phase_width: 0.15,
                 components: vec![component(0.3, 1.7, 4.0 / 3.0), component(1.0, 1.0, 0.0)],
+                fall_per_round: None,
             },
             orientation: None,
         },
@@ -171,6 +173,7 @@ fn model() -> SkillModel {
             demonstrated_frames: rollouts(1e-17),
             displaced_frames: rollouts(0.0),
             step_s: 0.01,
+            cycle: None,
         },
         other_modes: Vec::new(),
         provenance: Provenance {

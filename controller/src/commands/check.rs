@@ -32,23 +32,31 @@ pub fn check(config_path: &Path, model_paths: &[PathBuf]) -> Result<(), StartErr
 }
 
 fn describe_model(path: &Path, model: &SkillModel) {
+    let way = match model.motion.period_s() {
+        None => format!("from `{}` to `{}`", model.start_frame, model.goal_frame),
+        Some(_) => format!("round, fixed to `{}`", model.goal_frame),
+    };
     let text = format!(
-        "{}: skill `{}` on {} from `{}` to `{}`, {} Gaussians",
+        "{}: skill `{}` on {} {way}, {} Gaussians",
         path.display(),
         model.skill,
         model.manifold,
-        model.start_frame,
-        model.goal_frame,
         model.gaussians.len(),
     );
     line("ok", "model", &text);
+    if let Some(text) = model.cycle_line() {
+        line("ok", "limit cycle", &text);
+    }
     let modes = model.modes();
     if modes.len() > 1 {
         let text = format!("{} ways of doing it, decided on when it starts", modes.len());
         line("ok", "modes", &text);
     }
     match model.failures().first() {
-        None => line("ok", "certificate", "holds; metric, valley and goal were looked at again"),
+        None if model.motion.is_discrete() => {
+            line("ok", "certificate", "holds; metric, valley and goal were looked at again");
+        }
+        None => line("ok", "certificate", "holds; metric and valley were looked at again"),
         Some(failure) => line(
             "lack",
             "certificate",

@@ -12,6 +12,9 @@ const PROGRESS_FRACTION: f64 = 0.2;
 /// … for so long \[s\]; far from obstacles, when the energy of its skills does so as well, and their goal
 /// rests: an arm may go round its goal, or follow it.
 const PROGRESS_S: f64 = 3.0;
+/// A skill that goes round makes no progress when it goes on by this fraction of a round or less in that time: the
+/// slowest ones that can be demonstrated are three times as fast.
+const ROUND_FRACTION: f64 = 0.003;
 /// A goal rests that is slower than this \[m/s\].
 const GOAL_REST_M_S: f64 = 0.01;
 /// An arm that makes no progress is blocked when at least this fraction of its desired velocity is
@@ -27,6 +30,8 @@ pub struct Progress {
     pub speed: f64,
     /// Distance to the goal \[m\].
     pub distance_m: f64,
+    /// How far a skill that goes round has come \[rounds\]; `None` for one that goes to a goal.
+    pub rounds: Option<f64>,
     /// V of the skills \[J\].
     pub energy: f64,
     /// Speed of the goal \[m/s\].
@@ -40,6 +45,7 @@ pub struct StallDetector {
     still_s: f64,
     distance: Unchanged,
     energy: Unchanged,
+    rounds: Unchanged,
 }
 
 /// For how long something has been about the same.
@@ -53,7 +59,12 @@ impl Unchanged {
     /// Updates with a value; begins anew where it has changed, or where it is not `watched`. Returns
     /// whether it has been about the same for long.
     fn update(&mut self, value: f64, watched: bool, dt: f64) -> bool {
-        if watched && (value - self.value).abs() <= PROGRESS_FRACTION * self.value.abs() {
+        self.update_within(value, PROGRESS_FRACTION * self.value.abs(), watched, dt)
+    }
+
+    /// The same for what has changed by more than so much.
+    fn update_within(&mut self, value: f64, most: f64, watched: bool, dt: f64) -> bool {
+        if watched && (value - self.value).abs() <= most {
             self.since_s += dt;
         } else {
             *self = Self { since_s: 0.0, value };
@@ -87,6 +98,13 @@ impl StallDetector {
         let creeps = self.distance.update(progress.distance_m, watched, dt);
         let rests = progress.goal_speed_m_s < GOAL_REST_M_S;
         let stagnates = self.energy.update(progress.energy, watched && rests, dt);
+        let (creeps, stagnates) = match progress.rounds {
+            None => (creeps, stagnates),
+            Some(rounds) => {
+                let stays = self.rounds.update_within(rounds, ROUND_FRACTION, watched, dt);
+                (stays, stays)
+            }
+        };
         if blocked && (still || creeps) {
             Reason::Blocked
         } else if !blocked && (still || (creeps && stagnates)) {
@@ -103,7 +121,7 @@ mod tests {
 
     /// A goal that moves.
     fn progress(speed: f64, distance_m: f64) -> Progress {
-        Progress { speed, distance_m, energy: 1.0, goal_speed_m_s: 0.1 }
+        Progress { speed, distance_m, rounds: None, energy: 1.0, goal_speed_m_s: 0.1 }
     }
 
     #[test]
@@ -171,6 +189,35 @@ mod tests {
     }
 
     #[test]
+    fn an_arm_that_goes_round_is_stalled_when_it_goes_on_no_more() {
+        let free = Proximity { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
+        let close = Proximity { clearance_min_m: 0.001, ..free };
+        let after = |period_s: f64, proximity: &Proximity| {
+            let mut detector = StallDetector::default();
+            let mut reason = Reason::None;
+            for tick in 0..3000 {
+                // Near its path all the while, and the energy falls on and on.
+                let time_s = f64::from(tick) * 0.01;
+                let rounds = Some(time_s / period_s);
+                let progress = Progress {
+                    rounds,
+                    energy: 1e3 - time_s,
+                    goal_speed_m_s: 0.0,
+                    ..progress(0.1, 1e-4)
+                };
+                reason = detector.update(LifeCycle::Running, &progress, proximity, false, 0.01);
+            }
+            reason
+        };
+        for period_s in [0.5, 3.0, 300.0] {
+            assert_eq!(after(period_s, &free), Reason::None, "{period_s}");
+            assert_eq!(after(period_s, &close), Reason::None, "{period_s}");
+        }
+        assert_eq!(after(1e6, &free), Reason::Unreachable);
+        assert_eq!(after(1e6, &close), Reason::Blocked);
+    }
+
+    #[test]
     fn an_externally_commanded_arm_is_blocked_by_obstacles_only() {
         let free = Proximity { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
         let against = Proximity { obstructed_fraction: 0.5, ..free };
@@ -199,7 +246,7 @@ mod tests {
         let after = |goal_speed_m_s: f64, energy: f64, seconds: usize| {
             let mut detector = StallDetector::default();
             let mut progress =
-                Progress { speed: 0.1, distance_m: 0.2, energy: 1.0, goal_speed_m_s };
+                Progress { speed: 0.1, distance_m: 0.2, rounds: None, energy: 1.0, goal_speed_m_s };
             let mut reason = Reason::None;
             for _ in 0..seconds * 100 {
                 progress.energy *= energy.powf(0.01);

@@ -15,6 +15,8 @@ pub struct TaskState {
     done: Done,
     /// Whether the skill acts on the orientation too.
     has_orientation: bool,
+    /// Whether it goes round, and never ends by itself.
+    is_periodic: bool,
     stage: Stage,
     gripper: GripperCommand,
     /// The gripper held something before the task began, that nobody is known to have gripped.
@@ -65,6 +67,7 @@ impl TaskState {
             lift,
             done,
             has_orientation,
+            is_periodic: false,
             stage: Stage::Skill,
             gripper: GripperCommand::Release,
             found_holding: false,
@@ -122,9 +125,12 @@ impl TaskState {
         }
     }
 
-    /// Whether the skill acts on the orientation too; it may be another one from now on.
-    pub fn set_has_orientation(&mut self, has_orientation: bool) {
-        self.has_orientation = has_orientation;
+    /// The skill may be another one from now on.
+    ///
+    /// * `has_orientation`  whether it acts on the orientation too
+    /// * `is_periodic`  whether it goes round: the task is never done
+    pub fn set_skill(&mut self, has_orientation: bool, is_periodic: bool) {
+        (self.has_orientation, self.is_periodic) = (has_orientation, is_periodic);
     }
 
     /// What the tool should do now.
@@ -197,7 +203,8 @@ impl TaskState {
             && remaining.angle_rad < self.done.angle_rad;
         // With a gripper, reaching the skill's goal is not yet the task.
         let last = self.lift.is_none() || matches!(self.stage, Stage::Lift { .. });
-        self.life_cycle = if arrived && last { LifeCycle::Done } else { underway };
+        let ends = !self.is_periodic || matches!(self.stage, Stage::Lift { .. });
+        self.life_cycle = if arrived && last && ends { LifeCycle::Done } else { underway };
         self.done_since_ns =
             (self.life_cycle == LifeCycle::Done).then(|| self.done_since_ns.unwrap_or(now_ns));
         (self.life_cycle, remaining)
@@ -285,6 +292,21 @@ mod tests {
         let (cycle, remaining) = task.advance(GripperState::Holding, &tool, &goal, 0, 0.001);
         assert_eq!(cycle, LifeCycle::Lifting);
         assert!((remaining.distance_m - 0.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_task_that_goes_round_is_never_done() {
+        let mut task = TaskState::new(None, DONE, true);
+        task.set_skill(true, true);
+        for now_ns in [0, 1, 2_000_000_000] {
+            let here = at(0.5, 0.0);
+            let (cycle, remaining) = task.advance(GripperState::None, &here, &here, now_ns, 0.001);
+            assert_eq!((cycle, task.done_for_ns(now_ns)), (LifeCycle::Running, 0));
+            assert_eq!(remaining.distance_m, 0.0, "on its path");
+        }
+        task.set_skill(true, false);
+        let (cycle, _) = task.advance(GripperState::None, &at(0.5, 0.0), &at(0.5, 0.0), 3, 0.001);
+        assert_eq!(cycle, LifeCycle::Done);
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! What the tests over real ports have in common: settings of a robot with a skill, and a loop in a thread of
 //! its own.
 
+#![allow(dead_code, reason = "each test uses a part of it")]
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,10 +24,10 @@ pub(crate) fn file(path: &str) -> PathBuf {
 /// A configuration, a model for it, and a state in which the robot stands still.
 pub(crate) struct Setting {
     pub(crate) config: &'static str,
-    model: &'static str,
-    rest: &'static [f64],
+    pub(crate) model: &'static str,
+    pub(crate) rest: &'static [f64],
     /// The skill's frames \[m\].
-    frames: [(&'static str, [f64; 3]); 2],
+    pub(crate) frames: [(&'static str, [f64; 3]); 2],
 }
 
 pub(crate) const PLANE: Setting = Setting {

@@ -142,6 +142,7 @@ impl<'a> Certifier<'a> {
             demonstrated_frames: self.roll_out(&around, progress),
             displaced_frames: self.roll_out(&displaced, progress),
             step_s: settings.step_s,
+            cycle: None,
         };
         certificate.failures = failures(settings, &certificate, demonstrations, faults);
         certificate
@@ -200,7 +201,7 @@ fn in_time(demonstration: &Demonstration, path: &[Pose], step_s: f64) -> [f64; 2
 
 /// Root of the mean square distance of poses to a path, whatever the time; and of the angle, where position
 /// and angle together are nearest [m, rad].
-fn beside(poses: &[Pose], path: &[Pose], scales: [f64; 2]) -> [f64; 2] {
+pub(crate) fn beside(poses: &[Pose], path: &[Pose], scales: [f64; 2]) -> [f64; 2] {
     let path: Vec<&Pose> = path.iter().step_by(PATH_STRIDE.max(path.len() / PATH_MAX)).collect();
     let stride = poses.len().div_ceil(POSES_MAX).max(1);
     let count = poses.len().div_ceil(stride) as f64;

@@ -40,6 +40,90 @@ pub(crate) fn failures(
     failures
 }
 
+/// What the certificate of a skill that goes round fails in. `demonstrations` are the rollouts from the demonstrated
+/// starts, `faults` are stretches of the valley that the fit left.
+pub(crate) fn cycle_failures(
+    settings: &Certification,
+    certificate: &Certificate,
+    demonstrations: &[DemonstrationRollout],
+    faults: u32,
+) -> Vec<String> {
+    let missed = demonstrations.iter().filter(|row| {
+        !(row.goal_error_m <= settings.goal_tolerance_m
+            && row.goal_error_rad <= settings.goal_tolerance_rad)
+    });
+    let mut failures: Vec<String> = missed
+        .map(|row| {
+            format!(
+                "from the start of demonstration `{}` it comes to no limit cycle: its last two rounds are {} and \
+                 {:.2}° apart",
+                row.name,
+                length(row.goal_error_m, 2),
+                row.goal_error_rad.to_degrees()
+            )
+        })
+        .collect();
+    for block in &certificate.blocks {
+        metric_failures(block, &mut failures);
+        if let Some([low, high]) = block.valley.and_then(|valley| valley.unproved) {
+            failures.push(format!(
+                "that the {} potential falls all along a round is not proved between the phases {low:.4} and {high:.4}",
+                block.name
+            ));
+        }
+    }
+    if faults > 0 {
+        failures.push(format!(
+            "the potential does not fall along a round on {faults} stretches of its valley"
+        ));
+    }
+    let Certificate { demonstrated_frames, displaced_frames, .. } = certificate;
+    for (rollouts, of) in [
+        (demonstrated_frames, "around the demonstrations"),
+        (displaced_frames, "with displaced frames"),
+    ] {
+        if rollouts.reached < rollouts.starts {
+            failures.push(format!(
+                "{} of {} random starts {of} do not come to the limit cycle: the worst ends {} and {:.1}° beside it",
+                rollouts.starts - rollouts.reached,
+                rollouts.starts,
+                length(rollouts.goal_error_max_m, 1),
+                rollouts.goal_error_max_rad.to_degrees()
+            ));
+        }
+        energy_failures(settings, rollouts, of, &mut failures);
+    }
+    failures
+}
+
+fn metric_failures(block: &BlockCertificate, failures: &mut Vec<String>) {
+    let name = &block.name;
+    let least = block.metric_eigenvalue_min;
+    if !(least > 0.0 && block.metric_eigenvalue_max.is_finite()) {
+        failures.push(format!("the {name} metric is not positive definite ({least:.2e})"));
+    }
+    let stiffness = block.valley.map_or(f64::INFINITY, |valley| valley.stiffness_min_1_s2);
+    if stiffness.is_nan() || stiffness <= 0.0 {
+        failures.push(format!(
+            "the {name} potential has no lowest point at some phase (stiffness {stiffness:.2e}/s²)"
+        ));
+    }
+}
+
+fn energy_failures(
+    settings: &Certification,
+    rollouts: &Rollouts,
+    of: &str,
+    failures: &mut Vec<String>,
+) {
+    if rollouts.energy_rise_max.is_nan() || rollouts.energy_rise_max > settings.energy_rise_max {
+        failures.push(format!(
+            "the energy rises by a fraction of {:.1e} in a step, from random starts {of}",
+            rollouts.energy_rise_max
+        ));
+    }
+}
+
 fn block_failures(settings: &Certification, block: &BlockCertificate, failures: &mut Vec<String>) {
     let name = &block.name;
     let least = block.metric_eigenvalue_min;
@@ -90,12 +174,7 @@ fn rollout_failures(
             rollouts.goal_error_max_rad.to_degrees()
         ));
     }
-    if rollouts.energy_rise_max > settings.energy_rise_max {
-        failures.push(format!(
-            "the energy rises by a fraction of {:.1e} in a step, from random starts {of}",
-            rollouts.energy_rise_max
-        ));
-    }
+    energy_failures(settings, rollouts, of, failures);
 }
 
 /// A length in words; what diverged has no use for its digits.

@@ -7,3 +7,6 @@ pub mod rollout;
 mod starts;
 
 pub use certifier::Certifier;
+pub(crate) use certifier::beside;
+pub(crate) use failures::cycle_failures;
+pub(crate) use starts::in_ball;

@@ -94,6 +94,15 @@ impl LearnedPolicy {
         &self.policy
     }
 
+    /// By how much V falls in a round; 0 for a skill that does not go round.
+    #[must_use]
+    pub fn fall_per_round(&self) -> f64 {
+        match &self.policy {
+            SkillPolicy::Canonical(skill) => skill.fall_per_round(&self.inertia),
+            _ => 0.0,
+        }
+    }
+
     /// An instance before its start.
     #[must_use]
     pub fn instance(&self) -> PolicyInstance<'_> {
@@ -114,6 +123,12 @@ impl PolicyInstance<'_> {
     /// Forgets its phase: the next evaluation finds the one that suits the body.
     pub fn restart(&mut self) {
         self.state.restart();
+    }
+
+    /// Rounds and phase of a canonical policy, once it was evaluated.
+    #[must_use]
+    pub fn progress(&self) -> Option<f64> {
+        Some(self.state.rounds() + self.state.phase()?.value)
     }
 
     /// V of the policy at rest at the goal \[J\]; it starts anew afterwards.

@@ -103,7 +103,7 @@ pub(crate) fn at_rest(frames: &[Pose]) -> Vec<MovingPose> {
 }
 
 /// A point in a ball, evenly distributed.
-fn in_ball(radius: f64, random: &mut impl Rng) -> DVec3 {
+pub(crate) fn in_ball(radius: f64, random: &mut impl Rng) -> DVec3 {
     // One try in two hits; 64 misses in a row do not happen.
     for _ in 0..64 {
         let point = DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)));

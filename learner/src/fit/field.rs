@@ -38,14 +38,44 @@ pub fn shape<const N: usize>(
     goal: &SVector<f64, N>,
     settings: &FieldSettings,
 ) -> Result<Shape<N>, Reason> {
+    let (mut components, sizes) = components(means, covariances, settings)?;
+    let metric = settings.metric_scale * sizes / means.len() as f64;
+    components.push(bare(*goal, SMatrix::identity() * metric));
+    let phase_width = settings.phase_overlap * goal[N - 1] / means.len() as f64;
+    Ok(Shape::new(components, phase_width, settings.damping_1_s))
+}
+
+/// The shape of a block's field that goes round, from the means and covariances of one round in ẑ, in order of their
+/// phases.
+///
+/// * `length`  of a round in the last coordinate \[ŷ\]
+///
+/// # Errors
+/// A covariance, or the metric that comes of it, is not positive definite.
+pub fn round_shape<const N: usize>(
+    means: &[SVector<f64, N>],
+    covariances: &[SMatrix<f64, N, N>],
+    length: f64,
+    settings: &FieldSettings,
+) -> Result<Shape<N>, Reason> {
+    let (components, _) = components(means, covariances, settings)?;
+    let phase_width = settings.phase_overlap * length / means.len() as f64;
+    Ok(Shape::round(components, phase_width, settings.damping_1_s, length))
+}
+
+/// A component without a potential.
+fn bare<const N: usize>(mean: SVector<f64, N>, metric: SMatrix<f64, N, N>) -> Component<N> {
+    let (gradient, hessian) = (SVector::zeros(), SMatrix::zeros());
+    Component { mean, metric, potential: 0.0, gradient, hessian }
+}
+
+/// The components of the mixture with their metrics, and Σ det(M_k/γ)^{1/N}.
+fn components<const N: usize>(
+    means: &[SVector<f64, N>],
+    covariances: &[SMatrix<f64, N, N>],
+    settings: &FieldSettings,
+) -> Result<(Vec<Component<N>>, f64), Reason> {
     let identity = SMatrix::<f64, N, N>::identity();
-    let component = |mean: SVector<f64, N>, metric| Component {
-        mean,
-        metric,
-        potential: 0.0,
-        gradient: SVector::zeros(),
-        hessian: SMatrix::zeros(),
-    };
     let mut components = Vec::with_capacity(means.len() + 1);
     let mut sizes = 0.0;
     for (mean, covariance) in means.iter().zip(covariances) {
@@ -57,12 +87,9 @@ pub fn shape<const N: usize>(
         sizes += root_determinant.powf(-2.0 / N as f64);
         let metric = precision * settings.metric_scale;
         metric.cholesky().ok_or(Reason::Singular("a metric"))?;
-        components.push(component(*mean, metric));
+        components.push(bare(*mean, metric));
     }
-    let metric = settings.metric_scale * sizes / means.len() as f64;
-    components.push(component(*goal, identity * metric));
-    let phase_width = settings.phase_overlap * goal[N - 1] / means.len() as f64;
-    Ok(Shape::new(components, phase_width, settings.damping_1_s))
+    Ok((components, sizes))
 }
 
 /// Fits the field of a block.
@@ -80,9 +107,12 @@ pub fn fit<const N: usize>(
     settings: &FieldSettings,
     random: &mut impl Rng,
 ) -> Result<Fitted<N>, NotSolved> {
-    let guide = Guide::new(paths, &shape.goal(), settings);
+    let guide = match shape.round_length() {
+        None => Guide::new(paths, &shape.goal(), settings),
+        Some(length) => Guide::round(paths, length, settings),
+    };
     let descents = guide.descents(random);
-    let phase_length = shape.goal()[N - 1];
+    let phase_length = shape.phase_length();
     let targets = targets(paths, settings);
     let failed = |reason| NotSolved::new(name, (reason, 0));
     let mut program =
@@ -91,7 +121,11 @@ pub fn fit<const N: usize>(
     loop {
         let (mut parameters, status, iterations) = program.solve()?;
         program.bring_goal_to_rest(&mut parameters).map_err(failed)?;
-        let (_, faults) = valley::descent(&shape.field(&parameters), phase_length);
+        let field = shape.field(&parameters);
+        let (_, faults) = match shape.round_length() {
+            None => valley::descent(&field, phase_length),
+            Some(_) => valley::round_descent(&field, phase_length),
+        };
         if faults.is_empty() || rounds == settings.refinement_rounds_max {
             let mut figures = program.figures(&parameters, status, iterations);
             figures.figures.push((Figure::RefinementRounds, rounds as f64));
@@ -111,19 +145,25 @@ pub fn fit<const N: usize>(
 }
 
 impl<const N: usize> Fitted<N> {
-    /// The field in physical coordinates, divided by the goal's metric: y = ŷ/s, and the phase from 0 to
-    /// 1.
+    /// The field in physical coordinates, divided by the goal's metric, or the mean one where there is no goal: y = ŷ/s,
+    /// and the phase from 0 to 1.
     ///
     /// With ẑ = T z, T diagonal, Φ(z) = c Φ̂(T z) and M(z) = c T M̂(T z) T give the same accelerations for
     /// any c; c = 1/(s² m_G) makes M_G the identity in y.
     #[must_use]
     pub fn physical(&self, length_scale: f64) -> (FieldModel, ProgramFit) {
         let s = length_scale;
-        let phase_length = self.shape.goal()[N - 1];
+        let phase_length = self.shape.phase_length();
         let scales = SVector::<f64, N>::from_fn(|i, _| if i + 1 < N { s } else { phase_length });
-        let mut components = self.shape.with(&self.parameters);
-        let goal_metric = components[components.len() - 1].metric[(0, 0)];
-        let c = 1.0 / (s * s * goal_metric);
+        let (mut components, fall) = self.shape.learned(&self.parameters);
+        let goes_round = self.shape.round_length().is_some();
+        let unit_metric = if goes_round {
+            let mean = |c: &Component<N>| (0..N - 1).map(|i| c.metric[(i, i)]).sum::<f64>();
+            components.iter().map(mean).sum::<f64>() / ((N - 1) * components.len()) as f64
+        } else {
+            components[components.len() - 1].metric[(0, 0)]
+        };
+        let c = 1.0 / (s * s * unit_metric);
         let both = scales * scales.transpose() * c;
         for component in &mut components {
             component.mean.component_div_assign(&scales);
@@ -134,7 +174,8 @@ impl<const N: usize> Fitted<N> {
         }
         let bare = self.shape.bare();
         let width = bare.phase_width() / phase_length;
-        let field = FieldModel::from_parts(&components, width, bare.damping_1_s());
+        let mut field = FieldModel::from_parts(&components, width, bare.damping_1_s());
+        field.fall_per_round = goes_round.then_some(fall * c);
         let mut figures = self.figures.clone();
         figures.figures.push((Figure::LengthScale, s));
         figures.figures.push((Figure::PhaseLength, phase_length));

@@ -11,4 +11,4 @@ pub mod targets;
 pub mod thesis;
 
 pub use error::{FitError, NotSolved, Reason};
-pub use field::{Fitted, fit, shape};
+pub use field::{Fitted, fit, round_shape, shape};

@@ -10,6 +10,8 @@
 //!             S_1,ss ≥ 0                                           the start holds the phase
 //! ```
 //!
+//! A field that goes round has no goal, and no start: of the constraints, descent and those of S_k,yy are its own.
+//!
 //! For the two coordinates of the plane the matrix inequality is a second-order cone; otherwise it is
 //! replaced by diagonal dominance, which is sufficient. The squares enter through their normal
 //! equations, so that the solver sees as many variables as parameters and checked points, not as many as
@@ -55,9 +57,9 @@ pub(crate) struct FieldProgram<'a, const N: usize> {
     checked: usize,
     /// Descent constraints that the solver sees.
     working: Vec<usize>,
-    /// G(g).
+    /// G(g); none where there is no goal.
     goal_gradient: Vec<SVector<f64, N>>,
-    /// H(g) relative to M(g), one matrix a parameter.
+    /// H(g) relative to M(g), one matrix a parameter; none where there is no goal.
     goal_hessian: Vec<SMatrix<f64, N, N>>,
     /// S_k,yy relative to M_k,yy: for each component its parameters and their matrices.
     stiffness: Vec<Stiffness>,
@@ -108,8 +110,14 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
         descents: &[Descent<N>],
         settings: &'a FieldSettings,
     ) -> Result<Self, Reason> {
-        let goal = shape.goal();
-        let goal_metric = shape.bare().evaluate(&goal, &SVector::zeros()).metric;
+        let (goal_gradient, goal_hessian) = match shape.round_length() {
+            Some(_) => (Vec::new(), Vec::new()),
+            None => {
+                let goal = shape.goal();
+                let metric = shape.bare().evaluate(&goal, &SVector::zeros()).metric;
+                (shape.basis(&goal).gradient, goal_hessian(shape, &metric)?)
+            }
+        };
         let unit = 1.0 / (shape.mean_metric() * settings.damping_1_s);
         let length = settings.regularisation_length;
         let weight = |kind: &Parameter| match kind {
@@ -125,8 +133,8 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
             descents: Vec::with_capacity(descents.len()),
             checked: descents.len(),
             working: (0..descents.len()).step_by(WORKING_STRIDE).collect(),
-            goal_gradient: shape.basis(&goal).gradient,
-            goal_hessian: goal_hessian(shape, &goal_metric)?,
+            goal_gradient,
+            goal_hessian,
             stiffness: stiffness(shape)?,
             weights: shape.parameters().iter().map(weight).collect(),
         };
@@ -197,10 +205,14 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
         linear.extend(self.working.iter().map(|j| self.descents[*j].weight));
 
         let mut program = ConicProgram::new(quadratic, linear);
-        program
-            .require_zero((0..N).map(|i| self.affine(0.0, |j| self.goal_gradient[j][i])).collect());
-        let hold = |j: usize| if j == Self::START_HOLD { 1.0 } else { 0.0 };
-        let mut nonnegative = vec![self.affine(0.0, hold)];
+        let has_goal = !self.goal_gradient.is_empty();
+        let mut nonnegative = Vec::new();
+        if has_goal {
+            let gradient = |i: usize| self.affine(0.0, |j| self.goal_gradient[j][i]);
+            program.require_zero((0..N).map(gradient).collect());
+            let hold = |j: usize| if j == Self::START_HOLD { 1.0 } else { 0.0 };
+            nonnegative.push(self.affine(0.0, hold));
+        }
         for (s, j) in self.working.iter().enumerate() {
             let DescentConstraint { row, speed, .. } = &self.descents[*j];
             nonnegative.push(Affine { constant: 0.0, coefficients: vec![(n + s, 1.0)] });
@@ -212,7 +224,9 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
             self.goal_hessian.iter().map(|matrix| matrix[(a, b)]).enumerate().collect()
         };
         let least = self.settings.goal_hessian_min_1_s2;
-        dominate(N, hessian, least, weights, &mut nonnegative);
+        if has_goal {
+            dominate(N, hessian, least, weights, &mut nonnegative);
+        }
         self.require_stiffness(&mut program, &mut nonnegative);
         program.require_nonnegative(nonnegative);
         let Solution { status, iterations, x, .. } =
@@ -255,13 +269,16 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
     }
 
     /// Removes what the solver's tolerance left of the gradient at the goal, by the smallest
-    /// change of C p.
+    /// change of C p. Where there is no goal nothing is done.
     ///
     /// # Errors
     /// The parameters do not span every gradient at the goal, which S_G does but for numbers that are too
     /// large or too small.
     pub(crate) fn bring_goal_to_rest(&self, p: &mut [f64]) -> Result<(), Reason> {
         let columns = &self.goal_gradient;
+        if columns.is_empty() {
+            return Ok(());
+        }
         let scaled = |j: usize| columns[j] / (self.weights[j] * self.weights[j]);
         let mut gram = SMatrix::<f64, N, N>::zeros();
         for (j, column) in columns.iter().enumerate() {
@@ -300,28 +317,28 @@ impl<'a, const N: usize> FieldProgram<'a, N> {
             iterations,
             objective: residual + slack + self.settings.regularisation * weighted,
             residual,
-            active: vec![
-                ActiveConstraints {
-                    name: Constraints::Descent,
-                    active: violated as u32,
-                    count: violations.len() as u32,
-                },
-                tight(
-                    Constraints::GoalHessian,
-                    &self.dominance(p),
-                    self.settings.goal_hessian_min_1_s2,
-                ),
-                tight(
-                    Constraints::Stiffness,
-                    &self.least_stiffness(p),
-                    self.settings.stiffness_min_1_s2,
-                ),
-            ],
+            active: self.active(p, violated, violations.len()),
             figures: vec![
                 (Figure::Hinge, hinge),
                 (Figure::AgainstDemonstrations, rising as f64 / checked),
             ],
         }
+    }
+
+    /// How many constraints of each kind hold with equality.
+    fn active(&self, p: &[f64], violated: usize, descents: usize) -> Vec<ActiveConstraints> {
+        let FieldSettings { goal_hessian_min_1_s2, stiffness_min_1_s2, .. } = *self.settings;
+        let mut active = vec![ActiveConstraints {
+            name: Constraints::Descent,
+            active: violated as u32,
+            count: descents as u32,
+        }];
+        if !self.goal_hessian.is_empty() {
+            let dominance = self.dominance(p);
+            active.push(tight(Constraints::GoalHessian, &dominance, goal_hessian_min_1_s2));
+        }
+        active.push(tight(Constraints::Stiffness, &self.least_stiffness(p), stiffness_min_1_s2));
+        active
     }
 
     /// H_ii − Σ |H_ij| of each row of the Hessian at the goal [1/s²].
@@ -441,16 +458,11 @@ fn goal_hessian<const N: usize>(
 /// S_k,yy in coordinates in which M_k,yy is the identity, as a function of the parameters.
 fn stiffness<const N: usize>(shape: &Shape<N>) -> Result<Vec<Stiffness>, Reason> {
     let d = N - 1;
-    let components = shape.bare().components();
     let each = |(k, component): (usize, &Component<N>)| {
         let metric = DMatrix::from_fn(d, d, |i, j| component.metric[(i, j)]);
         let factor = metric.cholesky().ok_or(Reason::Singular("a metric"))?.l();
         let inverse = factor.try_inverse().ok_or(Reason::Singular("a metric"))?;
-        // Each component but the goal's has φ⁰ and g before its S.
-        let mut j = k * (1 + N + Shape::<N>::TRIANGLE);
-        if k + 1 != components.len() {
-            j += 1 + N;
-        }
+        let mut j = shape.hessian_parameter(k);
         let mut parts = Vec::new();
         for a in 0..N {
             for b in a..N {
@@ -465,7 +477,7 @@ fn stiffness<const N: usize>(shape: &Shape<N>) -> Result<Vec<Stiffness>, Reason>
         }
         Ok(parts)
     };
-    components.iter().enumerate().map(each).collect()
+    shape.components().iter().enumerate().map(each).collect()
 }
 
 /// Diagonal dominance of a symmetric matrix of `size`, H_ii − Σ |H_ij| ≥ least: one row for each choice

@@ -139,7 +139,11 @@ fn normals<const N: usize>(velocity: &SVector<f64, N>) -> Vec<SVector<f64, N>> {
 #[derive(Clone, Debug)]
 pub struct Guide<'a, const N: usize> {
     demonstrated: Vec<Sample<N>>,
-    goal: SVector<f64, N>,
+    /// Where there is one.
+    goal: Option<SVector<f64, N>>,
+    /// Of a round in the last coordinate, where there is no goal, and the fraction of the least speed that is
+    /// asked for.
+    round: [f64; 2],
     settings: &'a FieldSettings,
 }
 
@@ -151,7 +155,23 @@ impl<'a, const N: usize> Guide<'a, N> {
         goal: &SVector<f64, N>,
         settings: &'a FieldSettings,
     ) -> Self {
-        Self { demonstrated: sparse_samples(paths, settings), goal: *goal, settings }
+        let demonstrated = sparse_samples(paths, settings);
+        Self { demonstrated, goal: Some(*goal), round: [0.0, 1.0], settings }
+    }
+
+    /// A guide along rounds of a length in the last coordinate \[ŷ\]: there is no goal, and the samples of a round
+    /// are those of the rounds beside it, too. No more than half their mean speed is asked for.
+    #[must_use]
+    pub fn round(paths: &[BlockPath<N>], length: f64, settings: &'a FieldSettings) -> Self {
+        let own = sparse_samples(paths, settings);
+        let mut demonstrated = Vec::with_capacity(3 * own.len());
+        for round in [-1.0, 0.0, 1.0] {
+            let shift = axis::<N>(N - 1, round * length);
+            demonstrated.extend(own.iter().map(|(point, velocity)| (point + shift, *velocity)));
+        }
+        let speed: f64 = own.iter().map(|(_, velocity)| velocity.norm()).sum();
+        let fraction = (0.5 * speed / own.len() as f64 / settings.descent_speed).min(1.0);
+        Self { demonstrated, goal: None, round: [length, fraction], settings }
     }
 
     /// Where descent is a constraint: seeded random points around the demonstrations, and samples of
@@ -169,10 +189,27 @@ impl<'a, const N: usize> Guide<'a, N> {
             }
             points.push(point);
         }
-        points.retain(|z| (z - self.goal).norm() > settings.descent_goal_distance_min);
-        points.extend(self.demonstrated.iter().map(|(point, _)| *point));
-        points.retain(|z| (z - self.goal).norm() > AT_GOAL);
+        let [length, _] = self.round;
+        match self.goal {
+            Some(goal) => {
+                points.retain(|z| (z - goal).norm() > settings.descent_goal_distance_min);
+                points.extend(self.demonstrated.iter().map(|(point, _)| *point));
+                points.retain(|z| (z - goal).norm() > AT_GOAL);
+            }
+            None => {
+                let own = |z: &&SVector<f64, N>| (0.0..length).contains(&z[N - 1]);
+                points.extend(self.demonstrated.iter().map(|(point, _)| point).filter(own));
+            }
+        }
         points.into_iter().map(|point| self.descent(point)).collect()
+    }
+
+    /// The point in its round, where a field has no goal.
+    fn in_round(&self, mut point: SVector<f64, N>) -> SVector<f64, N> {
+        if self.goal.is_none() {
+            point[N - 1] = point[N - 1].rem_euclid(self.round[0]);
+        }
+        point
     }
 
     /// The demonstrated direction of the nearest sample, turned towards it, and near the goal
@@ -180,12 +217,19 @@ impl<'a, const N: usize> Guide<'a, N> {
     #[must_use]
     pub fn descent(&self, point: SVector<f64, N>) -> Descent<N> {
         let settings = self.settings;
+        let point = self.in_round(point);
         let (near_point, near_velocity) = self
             .demonstrated
             .iter()
             .min_by(|a, b| (a.0 - point).norm_squared().total_cmp(&(b.0 - point).norm_squared()))
             .expect("there are demonstrations");
-        let to_goal = self.goal - point;
+        let Some(goal) = self.goal else {
+            let along = near_velocity.try_normalize(1e-9).unwrap_or(axis(N - 1, 1.0));
+            let towards = along + (near_point - point) / settings.descent_attraction;
+            let direction = towards.try_normalize(1e-9).unwrap_or(along);
+            return Descent { point, direction, fraction: self.round[1] };
+        };
+        let to_goal = goal - point;
         let distance = to_goal.norm();
         let goal_direction = to_goal / distance;
         let speed = near_velocity.norm();

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use tprmp_drawing::Page;
 use tprmp_files::{Existing, make_folder};
-use tprmp_model::skill_model::{self, ModelError, SkillModel, sha256_hex};
+use tprmp_model::skill_model::{self, ModelError, Motion, SkillModel, sha256_hex};
 
 use super::figures;
 use super::gallery::{frame_of, gallery, modes};
@@ -32,15 +32,15 @@ pub enum PlotError {
 pub fn plot(model: &Path, demonstrations: &Path, out: &Path) -> Result<Vec<PathBuf>, PlotError> {
     let file = model;
     let model = skill_model::read(file)?;
-    let mut shown = Vec::new();
+    let mut read = Vec::new();
     for mode in model.modes() {
-        shown.push(read_demonstrations(mode, demonstrations)?);
+        read.push(read_demonstrations(mode, demonstrations)?);
     }
     let mut pictures = Vec::new();
-    if shown.len() > 1 {
-        pictures.push(modes(&model, &shown));
+    if read.len() > 1 {
+        pictures.push(modes(&model, &read));
     }
-    for (i, (mode, demonstrations)) in model.modes().zip(&shown).enumerate() {
+    for (i, (mode, demonstrations)) in model.modes().zip(&read).enumerate() {
         let mut of_mode = gallery(mode, demonstrations)
             .map_err(|error| FileError::key(file, "policy", error.to_string()))?;
         if i > 0 {
@@ -109,16 +109,22 @@ fn read_demonstrations(model: &SkillModel, folder: &Path) -> Result<Vec<Demonstr
 fn page_head(model: &SkillModel) -> Page {
     let mut page = Page::new(&format!("Skill “{}”", model.skill));
     page.paragraph(&format!(
-        "{manifold}, from “{start}” to a goal fixed to “{goal}”; {count} demonstrations, K = \
-         {components} Gaussians; learned by version {version}, seed {seed}.",
+        "{manifold}, {way}; {count} demonstrations, K = {components} Gaussians; learned by version \
+         {version}, seed {seed}.",
         manifold = model.manifold,
-        start = model.start_frame,
-        goal = model.goal_frame,
+        way = match model.motion {
+            Motion::Discrete =>
+                format!("from “{}” to a goal fixed to “{}”", model.start_frame, model.goal_frame),
+            Motion::Periodic { .. } => format!("round for ever, fixed to “{}”", model.goal_frame),
+        },
         count = model.modes().map(|mode| mode.provenance.demonstrations.len()).sum::<usize>(),
         components = model.gaussians.len(),
         version = model.provenance.tool_version,
         seed = model.provenance.seed,
     ));
+    if let Some(told) = model.cycle_line() {
+        page.paragraph(&format!("It has a limit cycle in place of a goal: {told}."));
+    }
     let count = model.modes().len();
     if count > 1 {
         page.paragraph(&format!(

@@ -51,6 +51,10 @@ pub fn gallery(
     let mut gallery = Gallery::new(&skill, demonstrations);
     let mean_frames = mean_frames(&skill, &gallery.frames);
     gallery.add_demonstrations();
+    if !model.motion.is_discrete() {
+        gallery.add_round(&mean_frames);
+        return Ok(gallery.pictures);
+    }
     gallery.add_alignment();
     gallery.add_mixture(&mean_frames);
     gallery.add_policy(&mean_frames);
@@ -147,6 +151,30 @@ impl<'a> Gallery<'a> {
                        frame's line is the lowest, the motion belongs to it. The map of all frames should lie \
                        near the lowest of them everywhere.";
         self.add("agreement", &figures::agreement(frames, &fit.agreement), caption.into());
+    }
+
+    /// Of a skill that goes round: how the rounds agree, its mixture, and its potential with rollouts that come to the
+    /// limit cycle.
+    fn add_round(&mut self, mean_frames: &[Pose]) {
+        let SkillModel { fit, frames, .. } = self.skill.model;
+        let caption =
+            "How far the demonstrated rounds lie apart at the same phase, seen from the frame.";
+        self.add("agreement", &figures::agreement(frames, &fit.agreement), caption.into());
+        self.add_mixture(mean_frames);
+        let scene = self.scene(mean_frames.to_vec());
+        let figures = SceneFigures::new(&scene);
+        let potential = figures.contours(
+            "Potential Φ of a round",
+            |sample| sample.potential,
+            |values| Scale::areas_of_roots(values, "Φ [J]"),
+        );
+        let told = self.skill.model.cycle_line().unwrap_or_default();
+        let caption = format!(
+            "The potential Φ at the phase at which each point is most at home, for a mean inertia of 1 kg, and rollouts \
+             from rest, which come to the limit cycle: {told}. Where a round ends and the next one begins the potential \
+             goes on a step lower."
+        );
+        self.add("potential", &potential, caption);
     }
 
     /// The mixture in canonical coordinates, and as each frame sees it.

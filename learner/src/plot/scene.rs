@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
-use tprmp_model::skill_model::{EvaluationError, Manifold, PolicyModel, SkillModel};
+use tprmp_model::skill_model::{EvaluationError, Manifold, Motion, PolicyModel, SkillModel};
 use tprmp_rmpflow::policy::canonical::frame_map::{Canonical, FrameMap, FrameTransforms};
 use tprmp_rmpflow::policy::thesis::{ThesisPolicy, ThesisState};
 use tprmp_rmpflow::policy::{PolicyState, SkillPolicy};
@@ -171,7 +171,14 @@ impl<'a> Scene<'a> {
         let manifold = self.skill.position_manifold;
         let frames = self.frames_at_rest();
         let mut policy = self.skill.position.instance();
-        let at_goal = policy.energy_at(&frames, &goal);
+        let at_goal = match self.skill.model.motion {
+            Motion::Discrete => policy.energy_at(&frames, &goal),
+            // What goes round has no goal: above that a round later.
+            Motion::Periodic { .. } => {
+                let start = self.skill.model.canonical.start.into();
+                policy.energy_at(&frames, &self.frames[0].compose(&start))
+            }
+        };
         move |position| sample(&mut policy, &frames, manifold, at_goal, &Pose { position, ..goal })
     }
 

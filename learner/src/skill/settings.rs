@@ -19,6 +19,9 @@ pub struct Skill {
     pub skill: String,
     /// Space in which it moves.
     pub manifold: Manifold,
+    /// Whether it ends.
+    #[serde(default, skip_serializing_if = "MotionSettings::is_discrete")]
+    pub motion: MotionSettings,
     /// Frame of the robot that moves.
     pub tool_frame: String,
     /// Frame at which the skill starts.
@@ -51,6 +54,22 @@ pub struct Skill {
     pub fit: FitSettings,
     /// What the fitted policy is certified for.
     pub certification: Certification,
+}
+
+/// Whether a skill ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum MotionSettings {
+    /// It goes to a goal.
+    #[default]
+    Discrete,
+    /// It goes round for ever, on a limit cycle (see [`periodic`](crate::periodic)).
+    Periodic,
+}
+
+impl MotionSettings {
+    fn is_discrete(&self) -> bool {
+        *self == Self::Discrete
+    }
 }
 
 /// What becomes of demonstrations that contradict each other (see [`modes`](crate::modes)).

@@ -1,18 +1,20 @@
 //! What the values of a skill file have to be.
 
 use tprmp_files::name;
-use tprmp_model::skill_model::FRAME_CAPACITY;
+use tprmp_model::skill_model::{FRAME_CAPACITY, copies};
 use tprmp_rmpflow::policy::canonical::field::COMPONENT_CAPACITY;
 use tprmp_rmpflow::policy::canonical::frame_map::PHASE_DISTANCE_MIN;
 
 use crate::demonstration::DURATION_MAX_S;
-use crate::skill::settings::{Certification, FitSettings, Skill};
+use crate::skill::settings::{Certification, FitSettings, MotionSettings, Skill};
 
 /// Largest shape of a Kaiser window: I₀ of a larger one is no number, and the window of this one is a few
 /// samples wide.
 const SHAPE_MAX: f64 = 100.0;
 /// Most steps of a rollout of the certificate: some seconds each.
 const ROLLOUT_STEPS_MAX: f64 = 1e6;
+/// Fewer components make no round.
+const PERIODIC_COMPONENTS_MIN: usize = 4;
 
 /// A key, and what was expected and found there.
 type Wrong = (&'static str, String);
@@ -39,7 +41,50 @@ pub(crate) fn validate(skill: &Skill) -> Result<(), Wrong> {
     validate_names(skill)?;
     validate_positive(skill)?;
     validate_ranges(skill)?;
+    validate_motion(skill)?;
     validate_counts(skill)
+}
+
+/// What goes round has one frame and a canonical policy.
+fn validate_motion(skill: &Skill) -> Result<(), Wrong> {
+    if skill.motion == MotionSettings::Discrete {
+        return Ok(());
+    }
+    let (start, goal) = (&skill.start_frame, &skill.goal_frame);
+    if start != goal {
+        let problem = format!(
+            "expected `{start}`, the start frame, since a periodic skill is fixed to one frame, found `{goal}`"
+        );
+        return Err(("goal_frame", problem));
+    }
+    if skill.proposes_frames || !skill.other_frames.is_empty() {
+        let problem = "expected none, since a periodic skill is fixed to one frame, found some";
+        return Err(("other_frames", problem.into()));
+    }
+    if !matches!(skill.fit, FitSettings::Canonical(_)) {
+        let problem =
+            "expected `Discrete`: of the thesis' policy none goes round, found `Periodic`";
+        return Err(("motion", problem.into()));
+    }
+    Ok(())
+}
+
+/// Whether the components of a skill that goes round fit a field together with their copies.
+fn validate_copies(skill: &Skill) -> Result<(), Wrong> {
+    let (FitSettings::Canonical(fit), MotionSettings::Periodic) = (&skill.fit, skill.motion) else {
+        return Ok(());
+    };
+    let count = skill.mixture.components;
+    let phases: Vec<f64> = (0..count).map(|k| k as f64 / count as f64).collect();
+    let found = copies(&phases, fit.phase_overlap / count as f64).len();
+    if count < PERIODIC_COMPONENTS_MIN || !(count..=COMPONENT_CAPACITY).contains(&found) {
+        let problem = format!(
+            "expected at least {PERIODIC_COMPONENTS_MIN} for a periodic skill, and at most {COMPONENT_CAPACITY} \
+             together with their copies in the rounds before and after, found {count} with {found}"
+        );
+        return Err(("mixture.components", problem));
+    }
+    Ok(())
 }
 
 fn validate_names(skill: &Skill) -> Result<(), Wrong> {
@@ -236,7 +281,7 @@ pub(crate) fn validate_counts(skill: &Skill) -> Result<(), Wrong> {
         FitSettings::Thesis(fit) => counts.extend(counts! { "fit" fit => stride in 1..=1000 }),
     }
     match counts.iter().find(|(_, count, least, most)| !(least..=most).contains(&count)) {
-        None => Ok(()),
+        None => validate_copies(skill),
         Some((key, found, least, most)) => {
             Err((key, format!("expected {least} to {most}, found {found}")))
         }

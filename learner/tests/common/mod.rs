@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 mod folder;
+pub(crate) mod rounds;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

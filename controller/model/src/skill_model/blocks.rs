@@ -18,11 +18,13 @@ const GOAL_STEP: f64 = 1e-5;
 pub fn blocks(policy: &SkillPolicy, frames: &[MovingPose], goal: &Pose) -> Vec<BlockCertificate> {
     let product = match policy {
         SkillPolicy::Canonical(skill) => {
+            let goes_round = skill.cycle.is_some();
             let mut blocks = vec![match &skill.position {
-                PositionField::Plane(field) => field_block("position", field),
-                PositionField::Space(field) => field_block("position", field),
+                PositionField::Plane(field) => field_block("position", field, goes_round),
+                PositionField::Space(field) => field_block("position", field, goes_round),
             }];
-            blocks.extend(skill.orientation.iter().map(|field| field_block("orientation", field)));
+            let rotation = skill.orientation.iter();
+            blocks.extend(rotation.map(|field| field_block("orientation", field, goes_round)));
             return blocks;
         }
         SkillPolicy::Plane(skill) => product_block("position", skill, frames, goal),
@@ -32,14 +34,18 @@ pub fn blocks(policy: &SkillPolicy, frames: &[MovingPose], goal: &Pose) -> Vec<B
     product.into_iter().collect()
 }
 
-fn field_block<const N: usize>(name: &str, field: &Field<N>) -> BlockCertificate {
+/// What goes round has no goal: of its block, the metric and the valley are examined.
+fn field_block<const N: usize>(name: &str, field: &Field<N>, goes_round: bool) -> BlockCertificate {
     let metrics = field.components().iter().map(|component| component.metric);
     let certificate = block(name, metrics, &field.goal(), |z| {
         let value = field.evaluate(z, &SVector::zeros());
         (value.gradient, value.metric)
     });
-    let (descent_min, _) = valley::descent(field, 1.0);
-    let proof = descent::prove(field);
+    let ((descent_min, _), proof) = if goes_round {
+        (valley::round_descent(field, 1.0), descent::prove_round(field))
+    } else {
+        (valley::descent(field, 1.0), descent::prove(field))
+    };
     // xᵀ(Σw S)x ≥ h xᵀ(Σw M)x when that holds for each component: so it does at every phase.
     let stiffness = field.components().iter().map(stiffness_min);
     let valley = ValleyCertificate {
@@ -49,7 +55,13 @@ fn field_block<const N: usize>(name: &str, field: &Field<N>) -> BlockCertificate
         intervals: proof.unwrap_or(0),
         unproved: proof.err(),
     };
-    BlockCertificate { valley: Some(valley), ..certificate }
+    let valley = Some(valley);
+    if goes_round {
+        let none =
+            BlockCertificate { goal_gradient: 0.0, goal_hessian_min_1_s2: 0.0, ..certificate };
+        return BlockCertificate { valley, ..none };
+    }
+    BlockCertificate { valley, ..certificate }
 }
 
 /// Smallest eigenvalue of S_yy relative to M_yy.

@@ -16,6 +16,33 @@ pub struct Certificate {
     pub displaced_frames: Rollouts,
     /// Step of these rollouts \[s\].
     pub step_s: f64,
+    /// The limit cycle of a periodic skill.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cycle: Option<CycleCertificate>,
+}
+
+/// The limit cycle of a periodic skill, as rollouts run in it once they have come to it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CycleCertificate {
+    /// How long a round lasts \[s\].
+    pub period_s: f64,
+    /// How long a demonstrated one lasts, median \[s\].
+    pub demonstrated_period_s: f64,
+    /// How many complete rounds each demonstration has, in their order.
+    pub rounds: Vec<u32>,
+    /// Root of the mean square distance of the cycle from the mean of the demonstrated rounds \[m\].
+    pub beside_rms_m: f64,
+    /// The same for the angle \[rad\].
+    pub beside_rms_rad: f64,
+    /// Largest distance from that mean \[m\].
+    pub beside_max_m: f64,
+    /// Largest angle to it \[rad\].
+    pub beside_max_rad: f64,
+    /// Largest distance between the places at which successive rounds end, of rollouts in the cycle \[m\].
+    pub return_max_m: f64,
+    /// The same for the angle \[rad\].
+    pub return_max_rad: f64,
 }
 
 /// A block of the policy at its goal, and its metric.
@@ -28,10 +55,10 @@ pub struct BlockCertificate {
     pub metric_eigenvalue_min: f64,
     /// No eigenvalue of the metric is larger, anywhere.
     pub metric_eigenvalue_max: f64,
-    /// |M⁻¹∇Φ| at the goal [m/s² or rad/s²]: zero when the goal is at rest.
+    /// |M⁻¹∇Φ| at the goal [m/s² or rad/s²]: zero when the goal is at rest, and for periodic skills, which have none.
     pub goal_gradient: f64,
     /// Smallest eigenvalue of the Hessian at the goal relative to the metric [1/s²]: positive when
-    /// the goal is a strict minimum.
+    /// the goal is a strict minimum. Zero for periodic skills, which have no goal.
     pub goal_hessian_min_1_s2: f64,
     /// The valley of a canonical field.
     pub valley: Option<ValleyCertificate>,
@@ -48,10 +75,11 @@ pub struct ValleyCertificate {
     /// metric [1/s²]: no smaller at any phase, since both are means of the components'.
     pub stiffness_min_1_s2: f64,
     /// Least fall of the potential along the valley towards the goal, over a fraction of the phase
-    /// [u²/s²], outside of the neighbourhood of the goal that its Hessian covers.
+    /// [u²/s²], outside of the neighbourhood of the goal that its Hessian covers; of a periodic skill, along all
+    /// of a round.
     pub descent_min: f64,
     /// Intervals of the phase over which it was proved, by interval arithmetic, that the potential falls towards
-    /// the goal: together they are all phases. 0 where it was not proved.
+    /// the goal, or all along a round: together they are all phases. 0 where it was not proved.
     #[serde(default)]
     pub intervals: u32,
     /// Phases between which it could not be proved.
@@ -59,7 +87,8 @@ pub struct ValleyCertificate {
     pub unproved: Option<[f64; 2]>,
 }
 
-/// Figures of rollouts from random starts around the demonstrations.
+/// Figures of rollouts from random starts around the demonstrations. Where a periodic skill has no goal, the limit
+/// cycle stands in its place: what was reached, and how far the last round is from it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rollouts {
@@ -97,6 +126,7 @@ impl Certificate {
             demonstrated_frames: rollouts.clone(),
             displaced_frames: rollouts,
             step_s: 0.0,
+            cycle: None,
         }
     }
 

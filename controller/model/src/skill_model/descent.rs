@@ -49,8 +49,25 @@ pub(crate) fn prove<const N: usize>(field: &Field<N>) -> Result<u32, [f64; 2]> {
             return Err([goal.low, goal.high]);
         }
     };
-    let mut left =
+    let left =
         vec![(Interval { low, high: goal.low }, true), (Interval { low: goal.high, high }, false)];
+    halve(field, left, examined, length)
+}
+
+/// The same of a skill that goes round: that the valley falls at each phase of a round, 0 to 1.
+pub(crate) fn prove_round<const N: usize>(field: &Field<N>) -> Result<u32, [f64; 2]> {
+    halve(field, vec![(Interval { low: 0.0, high: 1.0 }, true)], 0, 1.0)
+}
+
+/// Halves intervals until the valley is sure to fall on each: to the right where it is said, else to the left.
+///
+/// * `length`  what the phase one stands for
+fn halve<const N: usize>(
+    field: &Field<N>,
+    mut left: Vec<(Interval, bool)>,
+    mut examined: u32,
+    length: f64,
+) -> Result<u32, [f64; 2]> {
     while let Some((phases, before)) = left.pop() {
         examined += 1;
         if falls(field, phases, before) {

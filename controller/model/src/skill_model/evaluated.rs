@@ -5,6 +5,7 @@ use nalgebra::SMatrix;
 use tprmp_rmpflow::policy::SkillPolicy;
 use tprmp_rmpflow::policy::canonical::frame_map::{Anchor, FrameMap, FrameMapError};
 use tprmp_rmpflow::policy::canonical::policy::{CanonicalPolicy, PositionField};
+use tprmp_rmpflow::policy::canonical::rounds::Cycle;
 use tprmp_rmpflow::policy::thesis::{
     PoseGaussian, ThesisComponent, ThesisPolicy, ThesisPolicyError,
 };
@@ -96,6 +97,10 @@ impl SkillModel {
         position: &FieldModel,
         orientation: Option<&FieldModel>,
     ) -> Result<CanonicalPolicy, FrameMapError> {
+        let cycle = position.fall_per_round.map(|fall| {
+            let of_rotation = orientation.and_then(|field| field.fall_per_round);
+            Cycle { fall_per_round: [fall, of_rotation.unwrap_or(0.0)] }
+        });
         let position = match self.manifold {
             Manifold::R2 => PositionField::Plane(Box::new(position.field())),
             Manifold::R3 | Manifold::R3S3 => PositionField::Space(Box::new(position.field())),
@@ -104,6 +109,7 @@ impl SkillModel {
             map: self.frame_map()?,
             position,
             orientation: orientation.map(|field| Box::new(field.field())),
+            cycle,
         })
     }
 }

@@ -3,8 +3,10 @@
 use glam::{DQuat, DVec3};
 use nalgebra::{SMatrix, SVector};
 use tprmp_rmpflow::policy::canonical::field::{self, Field};
+use tprmp_rmpflow::policy::canonical::rounds::in_round;
 
 use crate::skill_model::model::{Component, FieldModel, Pose};
+use crate::skill_model::rounds::{RoundCopy, copies};
 
 impl From<Pose> for tprmp_spatial::Pose {
     fn from(pose: Pose) -> Self {
@@ -24,15 +26,33 @@ impl From<tprmp_spatial::Pose> for Pose {
 }
 
 impl FieldModel {
-    /// The field, ready to be evaluated.
+    /// The field, ready to be evaluated: of a periodic skill, with the copies of its components in the rounds
+    /// before and after.
     ///
     /// # Panics
     /// When N is not the field's dimension, the phase included, which the manifold tells.
     #[must_use]
     pub fn field<const N: usize>(&self) -> Field<N> {
-        let components: Vec<_> = self.components.iter().map(Component::evaluated::<N>).collect();
+        let mut components: Vec<_> =
+            self.components.iter().map(Component::evaluated::<N>).collect();
+        if let Some(fall) = self.fall_per_round {
+            let one =
+                |copy: &RoundCopy| in_round(&components[copy.component], copy.round, 1.0, fall);
+            components = self.copies().iter().map(one).collect();
+        }
         Field::new(&components, self.phase_width, self.damping_1_s)
             .expect("a valid model has between two and as many components as a field holds")
+    }
+
+    /// The copies of the components of a periodic skill that have a weight in a round.
+    ///
+    /// # Panics
+    /// When a component has no mean.
+    #[must_use]
+    pub fn copies(&self) -> Vec<RoundCopy> {
+        let phase = |component: &Component| *component.mean.last().expect("it has a phase");
+        let phases: Vec<f64> = self.components.iter().map(phase).collect();
+        copies(&phases, self.phase_width)
     }
 
     /// The form in which a field is stored.
@@ -46,6 +66,7 @@ impl FieldModel {
             damping_1_s,
             phase_width,
             components: components.iter().map(Component::stored).collect(),
+            fall_per_round: None,
         }
     }
 }

@@ -13,6 +13,9 @@ impl SkillModel {
     /// From or up to which phase a frame rules, and the figure that decided it.
     #[must_use]
     pub fn frame_role(&self, frame: &FrameMixture) -> String {
+        if !self.motion.is_discrete() {
+            return "rules all along".into();
+        }
         let canonical = &self.canonical;
         let waypoint = canonical.waypoints.iter().find(|waypoint| waypoint.frame == frame.name);
         match (frame.agreement_fraction, waypoint) {

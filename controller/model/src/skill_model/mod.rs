@@ -20,6 +20,9 @@
 //!
 //! Φ and M are divided by the goal's metric, so that `M_G = I` in y: no acceleration changes.
 //!
+//! A periodic skill has no goal: its components are those of one round, and stand in every round r anew, at s_k + r
+//! with the potential φ⁰_k − r `fall_per_round`. Its potentials and metrics are divided by the mean metric in y.
+//!
 //! The thesis' policy multiplies the Gaussians of all frames in the world [thesis eq. 3.6] and has
 //! Huber potentials [4.10–4.11], the metric 4.5 and the damping 4.17 on them; see
 //! `tprmp_rmpflow`.
@@ -36,12 +39,15 @@ mod gripper;
 mod interval;
 mod model;
 mod recomputed;
+mod rounds;
 mod upgrade;
 mod validate;
 pub mod valley;
 
 pub use blocks::blocks;
-pub use certificate::{BlockCertificate, Certificate, Rollouts, ValleyCertificate};
+pub use certificate::{
+    BlockCertificate, Certificate, CycleCertificate, Rollouts, ValleyCertificate,
+};
 pub use evaluated::{EvaluationError, thesis_policy};
 pub use file::{ModelError, SCHEMA, read, sha256_hex, to_text, write};
 pub use fit::{
@@ -52,10 +58,11 @@ pub use frame_roles::lost_agreement;
 pub use gripper::{GripperAction, GripperEvent};
 pub use model::{
     Adaptation, Canonical, Component, FieldModel, FrameGaussian, FrameMixture, Gaussian,
-    MODE_CAPACITY, Manifold, PolicyModel, Pose, Provenance, Remarks, SkillModel, Source,
+    MODE_CAPACITY, Manifold, Motion, PolicyModel, Pose, Provenance, Remarks, SkillModel, Source,
     ThesisModel, Waypoint,
 };
 pub use recomputed::verify;
+pub use rounds::{RoundCopy, copies};
 pub use tprmp_rmpflow::policy::FRAME_CAPACITY;
 pub use tprmp_rmpflow::policy::canonical::adaptation::{COORDINATES, SPLINES};
 pub use validate::GRIPPER_EVENTS_MAX;

@@ -52,6 +52,36 @@ impl std::fmt::Display for Manifold {
     }
 }
 
+/// Whether a skill ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum Motion {
+    /// It goes to its goal, and rests there.
+    #[default]
+    Discrete,
+    /// It goes round for ever: it has a limit cycle in place of a goal, and does not end by itself.
+    Periodic {
+        /// How long a demonstrated round lasts \[s\].
+        period_s: f64,
+    },
+}
+
+impl Motion {
+    /// Whether it goes to a goal.
+    #[must_use]
+    pub fn is_discrete(&self) -> bool {
+        *self == Self::Discrete
+    }
+
+    /// How long a demonstrated round lasts \[s\]; `None` when it has no rounds.
+    #[must_use]
+    pub fn period_s(&self) -> Option<f64> {
+        match self {
+            Self::Discrete => None,
+            Self::Periodic { period_s } => Some(*period_s),
+        }
+    }
+}
+
 /// A pose in canonical coordinates. Planar skills have `z = 0` and rotate about z only.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -70,6 +100,9 @@ pub struct SkillModel {
     pub skill: String,
     /// Space in which it moves.
     pub manifold: Manifold,
+    /// Whether it ends.
+    #[serde(default, skip_serializing_if = "Motion::is_discrete")]
+    pub motion: Motion,
     /// Frame of the robot that moves (a link's name).
     pub tool_frame: String,
     /// Name of the frame at which the skill starts.
@@ -106,6 +139,30 @@ impl SkillModel {
     /// The ways of doing the skill, at least one: itself, then its other modes.
     pub fn modes(&self) -> impl ExactSizeIterator<Item = &Self> + Clone {
         ModeIterator { model: self, next: 0 }
+    }
+
+    /// The limit cycle of a periodic skill in a line: its period, how far it runs beside what was demonstrated, and that
+    /// it never stops; `None` for a skill that goes to a goal.
+    #[must_use]
+    pub fn cycle_line(&self) -> Option<String> {
+        let period_s = self.motion.period_s()?;
+        let Some(cycle) = &self.certificate.cycle else {
+            return Some(format!("demonstrated in {period_s:.2} s a round; it was not examined"));
+        };
+        let angle = |radians: f64| match self.manifold.has_orientation() {
+            true => format!(" and {:.1}°", radians.to_degrees()),
+            false => String::new(),
+        };
+        Some(format!(
+            "a round lasts {:.2} s, demonstrated in {period_s:.2} s; it runs {:.1} mm{} (rms), at most {:.1} mm{}, beside \
+             the mean of {} demonstrated rounds; it never stops by itself",
+            cycle.period_s,
+            1e3 * cycle.beside_rms_m,
+            angle(cycle.beside_rms_rad),
+            1e3 * cycle.beside_max_m,
+            angle(cycle.beside_max_rad),
+            cycle.rounds.iter().sum::<u32>()
+        ))
     }
 
     /// What its certificates do not hold for, of all modes, the mode named where there are several.
@@ -215,7 +272,7 @@ pub struct Canonical {
     pub start: Pose,
     /// The goal frame.
     pub goal_frame: Pose,
-    /// Pose of the tool when the skill is done.
+    /// Pose of the tool when the skill is done; of a periodic skill, the mean pose of a round.
     pub goal: Pose,
     /// Whether the path to the goal rotates with the frames, or only the tool's orientation does.
     pub rotate_positions: bool,
@@ -281,15 +338,18 @@ pub struct FieldModel {
     pub damping_1_s: f64,
     /// Width over which components pass into each other, as a fraction of the phase.
     pub phase_width: f64,
-    /// Components in order of phase; the last one is the goal's.
+    /// Components in order of phase; the last one is the goal's. Of a periodic skill, those of one round.
     pub components: Vec<Component>,
+    /// By how much the potential falls in a round [u²/s²]: exactly for periodic skills.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fall_per_round: Option<f64>,
 }
 
 /// One component of a field, on D coordinates and the phase.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Component {
-    /// Mean μ \[u\], and last its phase.
+    /// Mean μ \[u\], and last its phase. Of a periodic skill, such that Σ w_k μ_k is the demonstrated path.
     pub mean: Vec<f64>,
     /// Riemannian metric, symmetric positive definite, rows; for the goal the identity but for the
     /// phase, whose entry is an inertia \[u²\].

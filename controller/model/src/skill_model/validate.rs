@@ -54,6 +54,7 @@ impl SkillModel {
         self.validate_frames()?;
         self.validate_waypoints()?;
         self.validate_adaptation()?;
+        self.validate_motion()?;
         match &self.policy {
             PolicyModel::Canonical { position, orientation } => {
                 self.validate_canonical(position, orientation.as_ref())?;
@@ -283,6 +284,9 @@ impl SkillModel {
         position: &FieldModel,
         orientation: Option<&FieldModel>,
     ) -> Result<(), Violation> {
+        if !self.motion.is_discrete() {
+            return self.validate_rounds(position, orientation);
+        }
         let key = "policy.position";
         field(key, position, self.manifold.position_dimension())?;
         let goal = &position.components[position.components.len() - 1].mean;
@@ -307,6 +311,75 @@ impl SkillModel {
             })?;
         }
         Ok(())
+    }
+
+    /// What goes round has one frame, one mode and nothing that happens once.
+    fn validate_motion(&self) -> Result<(), Violation> {
+        let cycle = self.certificate.cycle.as_ref();
+        let Some(period_s) = self.motion.period_s() else {
+            return require(cycle.is_none(), "certificate.cycle", || {
+                "expected none for a skill that goes to a goal".into()
+            });
+        };
+        positive("motion.period_s", period_s)?;
+        require(matches!(self.policy, PolicyModel::Canonical { .. }), "policy", || {
+            "expected a canonical policy for a periodic skill".into()
+        })?;
+        require(self.start_frame == self.goal_frame, "goal_frame", || {
+            format!(
+                "expected `{}`, the start frame, for a periodic skill, found `{}`",
+                self.start_frame, self.goal_frame
+            )
+        })?;
+        for (key, count) in [
+            ("frames", self.frames.len() - 1),
+            ("canonical.waypoints", self.canonical.waypoints.len()),
+            ("gripper", self.gripper.len()),
+            ("other_modes", self.other_modes.len()),
+        ] {
+            require(count == 0, key, || {
+                format!(
+                    "expected a periodic skill of one frame, without events and other modes, found {count} more"
+                )
+            })?;
+        }
+        let Some(cycle) = cycle else {
+            return require(!self.certificate.holds(), "certificate.cycle", || {
+                "expected one for a periodic skill, found none".into()
+            });
+        };
+        if !self.certificate.holds() {
+            return Ok(());
+        }
+        for (key, value) in [
+            ("period_s", cycle.period_s),
+            ("demonstrated_period_s", cycle.demonstrated_period_s),
+            ("beside_rms_m", cycle.beside_rms_m),
+            ("beside_rms_rad", cycle.beside_rms_rad),
+            ("beside_max_m", cycle.beside_max_m),
+            ("beside_max_rad", cycle.beside_max_rad),
+            ("return_max_m", cycle.return_max_m),
+            ("return_max_rad", cycle.return_max_rad),
+        ] {
+            let key = format!("certificate.cycle.{key}");
+            finite(&key, &[value])?;
+            require(value >= 0.0, key, || format!("expected zero or more, found {value}"))?;
+        }
+        positive("certificate.cycle.period_s", cycle.period_s)
+    }
+
+    /// The fields of a periodic skill.
+    fn validate_rounds(
+        &self,
+        position: &FieldModel,
+        orientation: Option<&FieldModel>,
+    ) -> Result<(), Violation> {
+        round("policy.position", position, self.manifold.position_dimension())?;
+        let key = "policy.orientation";
+        require(orientation.is_some() == self.manifold.has_orientation(), key, || {
+            format!("expected a field exactly when the manifold ({}) has one", self.manifold)
+        })?;
+        orientation.map_or(Ok(()), |field| round(key, field, 3))
     }
 
     fn validate_thesis(&self, policy: &ThesisModel) -> Result<(), Violation> {
@@ -396,7 +469,40 @@ fn positive_definite(
     Ok(matrix)
 }
 
+/// A field that goes round: the components of one round.
+fn round(key: &str, field: &FieldModel, dimension: usize) -> Result<(), Violation> {
+    let fall = field.fall_per_round.unwrap_or(0.0);
+    positive(&format!("{key}.fall_per_round"), fall)?;
+    positive(&format!("{key}.damping_1_s"), field.damping_1_s)?;
+    positive(&format!("{key}.phase_width"), field.phase_width)?;
+    let count = field.components.len();
+    require((2..=COMPONENT_CAPACITY).contains(&count), format!("{key}.components"), || {
+        format!("expected 2 to {COMPONENT_CAPACITY} components, found {count}")
+    })?;
+    let mut before = 0.0;
+    for (k, c) in field.components.iter().enumerate() {
+        let key = format!("{key}.components[{k}]");
+        component(&key, c, dimension + 1, false)?;
+        let phase = c.mean[dimension];
+        let rises = if k == 0 { phase >= 0.0 } else { phase > before };
+        require(rises && phase < 1.0, format!("{key}.mean"), || {
+            format!("expected phases that rise from 0 to below 1, found {phase} after {before}")
+        })?;
+        before = phase;
+    }
+    let copies = field.copies().len();
+    require((count..=COMPONENT_CAPACITY).contains(&copies), format!("{key}.components"), || {
+        format!(
+            "expected at most {COMPONENT_CAPACITY} components with their copies in the rounds before and after, \
+             found {copies}"
+        )
+    })
+}
+
 fn field(key: &str, field: &FieldModel, dimension: usize) -> Result<(), Violation> {
+    require(field.fall_per_round.is_none(), format!("{key}.fall_per_round"), || {
+        "expected none for a skill that goes to a goal".into()
+    })?;
     positive(&format!("{key}.damping_1_s"), field.damping_1_s)?;
     let count = field.components.len();
     require((2..=COMPONENT_CAPACITY).contains(&count), format!("{key}.components"), || {

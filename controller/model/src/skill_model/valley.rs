@@ -47,6 +47,35 @@ pub fn descent<const N: usize>(field: &Field<N>, phase_length: f64) -> (f64, Vec
     (least, faults)
 }
 
+/// The least fall of the potential along the valley of a skill that goes round, by a round \[J\], and the points at
+/// which it does not fall, one in each stretch of them.
+///
+/// `phase_length` is the length of a round in the last coordinate. Where there is no valley the fall is minus
+/// infinity.
+#[must_use]
+pub fn round_descent<const N: usize>(
+    field: &Field<N>,
+    phase_length: f64,
+) -> (f64, Vec<SVector<f64, N>>) {
+    let mut least = f64::INFINITY;
+    let mut faults: Vec<SVector<f64, N>> = Vec::new();
+    for i in 0..PHASES {
+        let fraction = f64::from(i) / f64::from(PHASES - 1);
+        let Some(valley) = field.valley(fraction * phase_length) else {
+            return (f64::NEG_INFINITY, faults);
+        };
+        let fall = -valley.slope * phase_length;
+        least = least.min(fall);
+        let far = |fault: &SVector<f64, N>| {
+            (fault[N - 1] - valley.point[N - 1]).abs() > SAME * phase_length
+        };
+        if fall.is_nan() || fall <= 0.0 && faults.iter().all(far) {
+            faults.push(valley.point);
+        }
+    }
+    (least, faults)
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;

@@ -35,6 +35,8 @@ const DISTURBED: f64 = 1e-6;
 pub struct PolicyState {
     /// How far a canonical skill has progressed; found anew when there is none.
     phase: Option<Phase>,
+    /// How many rounds were completed since the start, of a skill that goes round.
+    rounds: f64,
     /// Whether an obstacle holds the tool back.
     held: bool,
     /// Whether something beside the policy acted on the tool.
@@ -49,6 +51,7 @@ impl PolicyState {
     /// the pose. For after the tool was moved by something else.
     pub fn restart(&mut self) {
         self.phase = None;
+        self.rounds = 0.0;
         self.held = false;
         self.disturbed = false;
     }
@@ -56,12 +59,20 @@ impl PolicyState {
     /// Goes on from a phase.
     pub fn resume(&mut self, phase: Phase) {
         self.phase = Some(phase);
+        self.rounds = 0.0;
     }
 
     /// How far a canonical skill has progressed, once it was evaluated.
     #[must_use]
     pub fn phase(&self) -> Option<Phase> {
         self.phase
+    }
+
+    /// How many rounds were completed since the start; below zero when it was pushed backwards. 0 of a skill that
+    /// does not go round.
+    #[must_use]
+    pub fn rounds(&self) -> f64 {
+        self.rounds
     }
 
     /// Whether nothing beside the policy acted on the tool in the step before.
@@ -85,7 +96,7 @@ impl PolicyState {
     /// Hot path: no allocation. Numbers that are not finite change nothing.
     pub fn advance(&mut self, value: &SkillValue, acceleration: &SpatialAcceleration, dt_s: f64) {
         if let Some(phase) = &mut self.phase {
-            phase.advance(&value.phase, acceleration, dt_s);
+            self.rounds += phase.advance(&value.phase, acceleration, dt_s);
         }
         let moved = value.natural.metric * Vector6::from(*acceleration);
         let beside = (moved - value.natural.force).norm_squared();
@@ -95,6 +106,12 @@ impl PolicyState {
 }
 
 impl SkillPolicy {
+    /// Whether it goes round for ever, on a limit cycle.
+    #[must_use]
+    pub fn is_periodic(&self) -> bool {
+        matches!(self, Self::Canonical(skill) if skill.cycle.is_some())
+    }
+
     /// How many frames it needs.
     #[must_use]
     pub fn frame_count(&self) -> usize {
@@ -143,6 +160,8 @@ impl SkillPolicy {
                     .phase
                     .get_or_insert_with(|| skill.nearest_phase(inertia, &transforms, pose));
                 let mut value = skill.evaluate(inertia, &transforms, pose, velocity, phase);
+                // On the cover, where it falls for ever.
+                value.energy -= state.rounds * skill.fall_per_round(inertia);
                 if state.held {
                     value.phase.least = skill.pull(inertia, phase, HELD_FRACTION);
                 }
@@ -167,7 +186,7 @@ impl SkillPolicy {
     }
 
     /// A place of the skill's path for these frames, in the world: of fields the valley at a phase, of products
-    /// the mean of a component. Not finite for fewer frames than the policy has.
+    /// the mean of a component; of what goes round, the demonstrated path. Not finite for fewer frames than the policy has.
     ///
     /// * `fraction`  0 at the start of the path, 1 at its end
     ///
@@ -183,12 +202,18 @@ impl SkillPolicy {
         .unwrap_or(Pose::UNDEFINED)
     }
 
-    /// The goal for these frames, in the world; not finite for fewer frames than the policy has.
+    /// The goal for these frames, in the world; not finite for fewer frames than the policy has. A skill that goes
+    /// round has none: the place of its path at the present phase.
     ///
-    /// Hot path: no allocation; after [`SkillPolicy::evaluate`] with the same frames it costs nothing.
+    /// Hot path: no allocation; after [`SkillPolicy::evaluate`] with the same frames it costs nothing, or the weights of
+    /// one phase.
     #[must_use]
     pub fn goal(&self, frames: &[MovingPose], state: &mut PolicyState) -> Pose {
         match self {
+            Self::Canonical(skill) if skill.cycle.is_some() => {
+                let phase = state.phase.map_or(0.0, |phase| phase.value);
+                skill.on_path(frames, phase).unwrap_or(Pose::UNDEFINED)
+            }
             Self::Canonical(skill) => skill.map.goal_among(frames).unwrap_or(Pose::UNDEFINED),
             Self::Plane(skill) => {
                 skill.update(frames, &mut state.plane);
@@ -242,6 +267,7 @@ mod tests {
             map: FrameMap::new(&anchors, goal, true).unwrap(),
             position: PositionField::Space(Box::new(field)),
             orientation: None,
+            cycle: None,
         })
     }
 

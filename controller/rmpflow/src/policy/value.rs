@@ -24,7 +24,7 @@ pub struct SkillInertia {
 /// How far a skill has progressed, and how fast it goes on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Phase {
-    /// s: 0 at the start, 1 at the goal.
+    /// s: 0 at the start, 1 at the goal; of a skill that goes round, in [0, 1).
     pub value: f64,
     /// ṡ \[1/s\].
     pub rate_1_s: f64,
@@ -39,30 +39,47 @@ pub struct PhaseResponse {
     pub coupling: Vector6<f64>,
     /// It is not slower than this \[1/s²\]; −∞ unless an obstacle holds the tool back.
     pub least: f64,
+    /// Whether the phase begins a new round at 1.
+    pub wraps: bool,
 }
 
 impl PhaseResponse {
     /// That of a policy without a phase.
     pub(crate) fn none() -> Self {
-        Self { free: 0.0, coupling: Vector6::zeros(), least: f64::NEG_INFINITY }
+        Self { free: 0.0, coupling: Vector6::zeros(), least: f64::NEG_INFINITY, wraps: false }
     }
 }
 
 impl Phase {
     /// Goes on for `dt_s` \[s\] with the acceleration that the tool gets, by the semi-implicit Euler
-    /// rule. At the ends of [`PHASE_RANGE`] it comes to rest.
-    pub fn advance(&mut self, response: &PhaseResponse, tool: &SpatialAcceleration, dt_s: f64) {
+    /// rule. At the ends of [`PHASE_RANGE`] it comes to rest; one that goes round begins anew instead. Returns how
+    /// many rounds were completed, below zero for backwards.
+    pub fn advance(
+        &mut self,
+        response: &PhaseResponse,
+        tool: &SpatialAcceleration,
+        dt_s: f64,
+    ) -> f64 {
         let own = response.free - response.coupling.dot(&Vector6::from(*tool));
         // Not `max`, which would hide what is not a number.
         let acceleration = if own < response.least { response.least } else { own };
         let rate =
             (self.rate_1_s + acceleration * dt_s).clamp(-PHASE_RATE_MAX_1_S, PHASE_RATE_MAX_1_S);
         let value = self.value + rate * dt_s;
-        if value.is_finite() {
-            let [low, high] = PHASE_RANGE;
-            self.value = value.clamp(low, high);
-            self.rate_1_s = if self.value == value { rate } else { 0.0 };
+        if !value.is_finite() {
+            return 0.0;
         }
+        if response.wraps {
+            // What is hardly below zero would be rounded to 1.
+            let below_one = (value - value.floor()) < 1.0;
+            let rounds = if below_one { value.floor() } else { value.ceil() };
+            *self = Self { value: (value - rounds).max(0.0), rate_1_s: rate };
+            return rounds;
+        }
+        let [low, high] = PHASE_RANGE;
+        self.value = value.clamp(low, high);
+        self.rate_1_s = if self.value == value { rate } else { 0.0 };
+        0.0
     }
 }
 
@@ -101,7 +118,7 @@ mod tests {
     fn a_phase_stays_finite_and_in_its_range() {
         let response = |free: f64| {
             let least = f64::NEG_INFINITY;
-            PhaseResponse { free, coupling: Vector6::repeat(1.0), least }
+            PhaseResponse { free, coupling: Vector6::repeat(1.0), least, wraps: false }
         };
         let zero = SpatialAcceleration::ZERO;
         let mut phase = Phase { value: 0.2, rate_1_s: 0.1 };
@@ -114,5 +131,20 @@ mod tests {
         assert_eq!(phase, Phase { value: PHASE_RANGE[1], rate_1_s: 0.0 });
         phase.advance(&response(f64::NEG_INFINITY), &zero, 1e-3);
         assert_eq!(phase.rate_1_s, -PHASE_RATE_MAX_1_S);
+    }
+
+    #[test]
+    fn a_phase_that_goes_round_stays_in_a_round_and_counts() {
+        let least = f64::NEG_INFINITY;
+        let response = PhaseResponse { free: 0.0, coupling: Vector6::zeros(), least, wraps: true };
+        let zero = SpatialAcceleration::ZERO;
+        let mut phase = Phase { value: 0.9, rate_1_s: 2.0 };
+        assert_eq!(phase.advance(&response, &zero, 0.1), 1.0);
+        assert!((phase.value - 0.1).abs() < 1e-12 && phase.rate_1_s == 2.0);
+        phase.rate_1_s = -3.0;
+        assert_eq!(phase.advance(&response, &zero, 0.5), -2.0);
+        phase = Phase { value: 1e-20, rate_1_s: -2e-20 };
+        phase.advance(&response, &zero, 1.0);
+        assert!((0.0..1.0).contains(&phase.value));
     }
 }

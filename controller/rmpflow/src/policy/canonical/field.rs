@@ -305,6 +305,17 @@ impl<const N: usize> Field<N> {
         Some(Valley { point: self.goal + offset, potential, slope: rate })
     }
 
+    /// Σ w_k μ_k at a phase, without the phase: the demonstrated path of a field that goes round, whose means are
+    /// chosen so \[m or rad; last the phase\].
+    #[must_use]
+    pub fn mean(&self, phase: f64) -> SVector<f64, N> {
+        let weights = self.weights(phase);
+        let each = self.components().iter().zip(&weights);
+        let mut mean: SVector<f64, N> = each.map(|(component, [w, _])| component.mean * *w).sum();
+        mean[N - 1] = phase;
+        mean
+    }
+
     /// Half the squared norm of an offset in the metric at a phase: ½ vᵀMv \[kg m²\].
     #[must_use]
     pub fn half_squared_norm(&self, phase: f64, offset: &SVector<f64, N>) -> f64 {

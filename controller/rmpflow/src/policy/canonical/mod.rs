@@ -4,3 +4,4 @@ pub mod adaptation;
 pub mod field;
 pub mod frame_map;
 pub mod policy;
+pub mod rounds;

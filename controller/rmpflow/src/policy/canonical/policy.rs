@@ -21,6 +21,7 @@ use tprmp_spatial::{MovingPose, Pose, Twist, Wrench};
 use crate::natural::Natural;
 use crate::policy::canonical::field::Field;
 use crate::policy::canonical::frame_map::{Canonical, FrameMap, FrameTransforms, Mapped};
+use crate::policy::canonical::rounds::Cycle;
 use crate::policy::value::{Phase, PhaseResponse, SkillInertia, SkillValue};
 
 /// Phases that are compared to find the one to start with.
@@ -51,6 +52,9 @@ pub struct CanonicalPolicy {
     pub position: PositionField,
     /// Orientation chart, with unit inertia at the goal; `None` when orientation is free.
     pub orientation: Option<Box<Field<4>>>,
+    /// For a skill that goes round, whose fields are on the cover of the circle; its goal is the centre of
+    /// its coordinates.
+    pub cycle: Option<Cycle>,
 }
 
 /// (v, last), of v the first N − 1 components.
@@ -147,7 +151,7 @@ fn without_phase(position: &Block, rotation: &Block) -> SkillValue {
             metric,
         },
         energy: position.energy + rotation.energy,
-        phase: PhaseResponse { free, coupling, least: f64::NEG_INFINITY },
+        phase: PhaseResponse { free, coupling, least: f64::NEG_INFINITY, wraps: false },
     }
 }
 
@@ -190,12 +194,22 @@ impl CanonicalPolicy {
             let mapped = transported.rotation(pose.orientation, velocity.angular);
             Block::new(field, inertia.angular_kg_m2, phase, &mapped)
         });
-        without_phase(&position, &rotation)
+        let mut value = without_phase(&position, &rotation);
+        value.phase.wraps = self.cycle.is_some();
+        value
+    }
+
+    /// By how much the potential falls in a round \[J\]; 0 for a skill that does not go round.
+    #[must_use]
+    pub fn fall_per_round(&self, inertia: &SkillInertia) -> f64 {
+        self.cycle.map_or(0.0, |Cycle { fall_per_round: [position, rotation] }| {
+            inertia.linear_kg * position + inertia.angular_kg_m2 * rotation
+        })
     }
 
     /// The phase at which a pose lies nearest to the demonstrations in the metric of the skill, at rest.
     /// Of several that are as near, as where a path crosses itself or ends where it began, the earliest
-    /// one.
+    /// one. Of a skill that goes round, the nearest one.
     ///
     /// Not for every tick: it compares a hundred phases. No allocation.
     #[must_use]
@@ -226,12 +240,18 @@ impl CanonicalPolicy {
         let at = |i: usize| distances.get(i).copied().unwrap_or(f64::INFINITY);
         let is_near =
             |i: &usize| at(*i) <= bound && at(*i) <= at(i + 1) && (*i == 0 || at(*i) <= at(i - 1));
-        let best = (0..PHASES_COMPARED).find(is_near).unwrap_or(0);
-        // Between its neighbours the distance is assumed to fall and then rise.
-        let (mut low, mut high) = (
-            (best as f64 - 1.0).max(0.0) * step,
-            (best as f64 + 1.0).min((PHASES_COMPARED - 1) as f64) * step,
-        );
+        let goes_round = self.cycle.is_some();
+        let best = if goes_round {
+            (0..PHASES_COMPARED).min_by(|i, j| at(*i).total_cmp(&at(*j)))
+        } else {
+            (0..PHASES_COMPARED).find(is_near)
+        };
+        let best = best.unwrap_or(0) as f64;
+        // Between its neighbours the distance is assumed to fall and then rise; a round has no ends.
+        let (mut low, mut high) = ((best - 1.0) * step, (best + 1.0) * step);
+        if !goes_round {
+            (low, high) = (low.max(0.0), high.min((PHASES_COMPARED - 1) as f64 * step));
+        }
         // The golden section: of two places between low and high one is known from before.
         let inner = |low: f64, high: f64| high - GOLDEN * (high - low);
         let outer = |low: f64, high: f64| low + GOLDEN * (high - low);
@@ -245,24 +265,28 @@ impl CanonicalPolicy {
                 (a, b) = (b, distance(outer(low, high)));
             }
         }
-        Phase { value: 0.5 * (low + high), rate_1_s: 0.0 }
+        let middle = 0.5 * (low + high);
+        let value = if goes_round { middle.rem_euclid(1.0) } else { middle };
+        Phase { value, rate_1_s: 0.0 }
     }
 
     /// The valley at a phase, for these frames, in the world; `None` for too few of them, and where there is no
-    /// valley. No allocation.
+    /// valley. Of a skill that goes round, which never comes to rest in its valley, the demonstrated path. No allocation.
     #[must_use]
     pub fn on_path(&self, frames: &[MovingPose], phase: f64) -> Option<Pose> {
-        fn valley<const N: usize>(field: &Field<N>, phase: f64) -> Option<DVec3> {
-            let y = field.valley(phase)?.point;
+        let goes_round = self.cycle.is_some();
+        let valley = |field: &Field<4>| place(field, phase, goes_round);
+        fn place<const N: usize>(field: &Field<N>, phase: f64, goes_round: bool) -> Option<DVec3> {
+            let y = if goes_round { field.mean(phase) } else { field.valley(phase)?.point };
             Some(DVec3::new(y[0], y[1], if N > 3 { y[2] } else { 0.0 }))
         }
         let transforms = self.transforms(frames)?;
         let position = match &self.position {
-            PositionField::Plane(field) => valley(field, phase),
-            PositionField::Space(field) => valley(field, phase),
+            PositionField::Plane(field) => place(field, phase, goes_round),
+            PositionField::Space(field) => valley(field),
         }?;
         let rotation = match &self.orientation {
-            Some(field) => valley(field, phase)?,
+            Some(field) => valley(field)?,
             None => DVec3::ZERO,
         };
         Some(self.map.forward(&transforms, phase, &Canonical { position, rotation }))

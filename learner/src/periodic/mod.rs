@@ -1,0 +1,207 @@
+//! Periodic skills, such as wiping and stirring: they have a limit cycle in place of a goal.
+//!
+//! 1. a recording is followed along its length, seen from its frame (`trace`), which tells rests and paces apart from
+//!    the path; the length after which it comes again is the period (`recurrence`);
+//! 2. dynamic programming says where of the round each recording is (`tracking`): what goes before and after
+//!    is left out, and what goes round is cut into complete rounds;
+//! 3. the rounds are brought to a common time, closed and smoothed as what has no ends (`rounds`);
+//! 4. the fields are fitted on the cover of the circle of phases (`fit`), by the convex program of all skills, where
+//!    copies of a component have its parameters, and D, by which the potential falls in a round, is one more;
+//! 5. rollouts have to come to one cycle, from wherever they start (`certificate`).
+//!
+//! The phase of a round rises evenly in time, ṡ = 1/T.
+
+mod certificate;
+mod fit;
+mod recurrence;
+mod rounds;
+mod trace;
+mod tracking;
+
+use std::time::{Duration, Instant};
+
+use tprmp_model::skill_model::{
+    Canonical, Certificate, EvaluationError, Figure, Fit, Motion, PolicyModel, ProgramFit,
+    ProgramStatus, Provenance, SkillModel, Source,
+};
+
+use crate::alignment::rest::DemonstrationError;
+use crate::certify::policy::LearnedPolicy;
+use crate::demonstration::{Demonstration, plausibility};
+use crate::fit::FitError;
+use crate::periodic::certificate::CycleCertifier;
+use crate::periodic::rounds::Rounds;
+use crate::skill::{FitSettings, Skill};
+
+/// A cycle that runs farther beside the mean round than this fraction of the skill's span is warned of, …
+const PATH_FRACTION_MAX: f64 = 0.03;
+/// … and one by another period than this fraction.
+const PERIOD_FRACTION_MAX: f64 = 0.1;
+
+/// Why there is no model.
+#[derive(Debug, thiserror::Error)]
+pub enum PeriodicError {
+    /// A demonstration cannot be learned from.
+    #[error(transparent)]
+    Demonstration(#[from] DemonstrationError),
+    /// The policy is not fitted.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+    /// The learned numbers cannot be computed with.
+    #[error("the learned policy cannot be evaluated: {0}")]
+    Evaluation(#[from] EvaluationError),
+}
+
+/// A periodic skill as it was learned.
+#[derive(Clone, Debug)]
+pub struct Learned {
+    /// The model: its certificate may have failures.
+    pub model: SkillModel,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// Samples of all rounds.
+    pub samples: usize,
+    /// How long it took to find the rounds, to fit, to roll out from the demonstrated starts, and to certify.
+    pub times: [Duration; 4],
+}
+
+/// Learns a periodic skill from its demonstrations, and certifies it.
+///
+/// # Errors
+/// [`PeriodicError`]: no rounds are found, a convex program is not solved, or the fit is not of the canonical policy.
+pub fn learn(
+    skill: &Skill,
+    demonstrations: &[Demonstration],
+    seed: u64,
+) -> Result<Learned, PeriodicError> {
+    let mut since = Instant::now();
+    let mut times = [Duration::ZERO; 4];
+    let mut done = |step: usize| {
+        times[step] = since.elapsed();
+        since = Instant::now();
+    };
+    let FitSettings::Canonical(settings) = &skill.fit else {
+        let problem = "a periodic skill is learned by `fit: Canonical`".into();
+        return Err(DemonstrationError { name: skill.skill.clone(), problem }.into());
+    };
+    let rounds = Rounds::find(skill, demonstrations)?;
+    done(0);
+    let gaussians = fit::gaussians(skill, &rounds);
+    let (policy, programs) =
+        fit::fit(skill, settings, &rounds, &gaussians, seed).map_err(FitError::from)?;
+    let mut model = model(skill, demonstrations, &rounds, seed, (policy, programs));
+    (model.gaussians, model.frames) = {
+        let (canonical, frame) = fit::stored(skill, &rounds, &gaussians);
+        (canonical, vec![frame])
+    };
+    done(1);
+    let policy = LearnedPolicy::new(&model)?;
+    let certifier = CycleCertifier { skill, demonstrations, rounds: &rounds, policy: &policy };
+    let (rows, cycle) = certifier.follow_demonstrations();
+    done(2);
+    let programs = &model.fit.programs;
+    let faults: f64 = programs.iter().filter_map(|p| p.figure(Figure::ValleyFaults)).sum();
+    let fall = policy.fall_per_round();
+    let certificate = certifier.certify(&rows, cycle, (faults as u32, fall), seed);
+    done(3);
+    (model.fit.demonstrations, model.certificate) = (rows, certificate);
+    let mut warnings = plausibility::warnings(demonstrations);
+    warnings.extend(self::warnings(skill, demonstrations, &rounds, &model));
+    Ok(Learned { model, warnings, samples: rounds.all.len() * rounds.phases.len(), times })
+}
+
+/// The model without its Gaussians and its certificate.
+fn model(
+    skill: &Skill,
+    demonstrations: &[Demonstration],
+    rounds: &Rounds,
+    seed: u64,
+    (policy, programs): (PolicyModel, Vec<ProgramFit>),
+) -> SkillModel {
+    let source = |d: &Demonstration| Source {
+        file: d.name.clone(),
+        sha256: d.sha256.clone(),
+        remarks: d.remarks.clone(),
+    };
+    let map = rounds.map();
+    SkillModel {
+        skill: skill.skill.clone(),
+        manifold: skill.manifold,
+        motion: Motion::Periodic { period_s: rounds.period_s },
+        tool_frame: skill.tool_frame.clone(),
+        start_frame: skill.start_frame.clone(),
+        goal_frame: skill.goal_frame.clone(),
+        canonical: Canonical {
+            start: rounds.mean_poses()[0].into(),
+            goal_frame: map.goal_frame().into(),
+            goal: map.goal().into(),
+            rotate_positions: map.rotate_positions(),
+            start_phase: 0.0,
+            goal_phase: 0.0,
+            waypoints: Vec::new(),
+            adaptation: None,
+        },
+        gaussians: Vec::new(),
+        frames: Vec::new(),
+        policy,
+        gripper: Vec::new(),
+        fit: Fit {
+            em_iterations: 0,
+            em_log_likelihood: 0.0,
+            programs,
+            duration_s: rounds.period_s,
+            agreement: fit::agreement(rounds),
+            demonstrations: Vec::new(),
+        },
+        certificate: Certificate::none(),
+        provenance: Provenance {
+            tool_version: env!("CARGO_PKG_VERSION").into(),
+            seed,
+            demonstrations: demonstrations.iter().map(source).collect(),
+            hyper_parameters: skill.values(),
+        },
+        other_modes: Vec::new(),
+    }
+}
+
+fn warnings(
+    skill: &Skill,
+    demonstrations: &[Demonstration],
+    rounds: &Rounds,
+    model: &SkillModel,
+) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if let Some(with) = demonstrations.iter().find(|d| d.gripper.is_some()) {
+        warnings.push(format!(
+            "`{}` says what the gripper does, which is left out of a periodic skill",
+            with.name
+        ));
+    }
+    if rounds.period_s * 0.5 < skill.smoothing.window_s {
+        warnings.push(format!(
+            "key `smoothing.window_s` is {} s, and a round lasts {:.2} s only: its path is smoothed away",
+            skill.smoothing.window_s, rounds.period_s
+        ));
+    }
+    let reduced = model.fit.programs.iter().filter(|p| p.status != ProgramStatus::Solved);
+    warnings.extend(reduced.map(|program| {
+        format!("the {} was solved to a reduced accuracy only ({})", program.name, program.status)
+    }));
+    let Some(cycle) = &model.certificate.cycle else { return warnings };
+    let span_m = skill.scale.span / rounds.scales[0];
+    if cycle.beside_max_m > PATH_FRACTION_MAX * span_m {
+        warnings.push(format!(
+            "the limit cycle runs up to {:.1} mm beside the mean of the demonstrated rounds, where {span_m:.2} m are \
+             spanned: do they contradict each other, or are they too fast for `fit.damping_1_s`?",
+            1e3 * cycle.beside_max_m
+        ));
+    }
+    let ratio = cycle.period_s / cycle.demonstrated_period_s;
+    if (ratio - 1.0).abs() > PERIOD_FRACTION_MAX {
+        warnings.push(format!(
+            "a round lasts {:.2} s, and was demonstrated in {:.2} s",
+            cycle.period_s, cycle.demonstrated_period_s
+        ));
+    }
+    warnings
+}
