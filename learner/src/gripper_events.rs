@@ -20,6 +20,8 @@ const TIME_TOLERANCE_S: f64 = 1e-9;
 /// A width has changed when it has by more than this fraction of what the widths of all demonstrations span:
 /// what a held object gives way is less.
 const WIDTH_FRACTION: f64 = 0.2;
+/// … and than this: less is noise, or play \[m\].
+const WIDTH_MIN_M: f64 = 0.005;
 /// Widths that span less do not change \[m\]: that is noise.
 const WIDTH_SPAN_MIN_M: f64 = 1e-3;
 /// A gripper that goes on by less than this fraction within [`RAMP_S`] has arrived.
@@ -242,7 +244,7 @@ fn is_chatter(before: &Change, change: &Change, dt: f64) -> bool {
 }
 
 fn width_changes(widths_m: &[f64], dt: f64, span_m: f64) -> (Vec<Change>, usize) {
-    let (most, arrived) = (WIDTH_FRACTION * span_m, ARRIVED_FRACTION * span_m);
+    let (most, arrived) = ((WIDTH_FRACTION * span_m).max(WIDTH_MIN_M), ARRIVED_FRACTION * span_m);
     let steps = (RAMP_S / dt).ceil().max(1.0) as usize;
     let (mut kept, mut undone): (Vec<(Change, f64)>, usize) = (Vec::new(), 0);
     let (mut settled_m, mut from, mut i) = (widths_m[0], 0, 1);

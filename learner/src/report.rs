@@ -366,17 +366,25 @@ fn judgement(text: &mut String, fit: &Fit) {
     let angle = |radians: f64| {
         if radians > 0.0 { format!(" and {:.1}°", radians.to_degrees()) } else { String::new() }
     };
+    // Nothing is left to predict the only one.
+    let predicted = if fit.demonstrations.len() < 2 {
+        String::new()
+    } else {
+        format!(
+            "one that is left out is predicted to {:.1} mm{}; ",
+            1e3 * median(|row| row.predicted_rms_m),
+            angle(median(|row| row.predicted_rms_rad))
+        )
+    };
     line!(
         text,
         "judged",
-        "follows the demonstrations to {:.1} mm{} (rms, median); ends within {:.1} mm{} of where they end; one \
-         that is left out is predicted to {:.1} mm{}; takes {:.1} s, demonstrated in {:.1} s",
+        "follows the demonstrations to {:.1} mm{} (rms, median); ends within {:.1} mm{} of where they end; \
+         {predicted}takes {:.1} s, demonstrated in {:.1} s",
         1e3 * median(|row| row.path_rms_m),
         angle(median(|row| row.path_rms_rad)),
         1e3 * most(|row| row.end_error_m),
         angle(most(|row| row.end_error_rad)),
-        1e3 * median(|row| row.predicted_rms_m),
-        angle(median(|row| row.predicted_rms_rad)),
         median(|row| row.execution_s),
         median(|row| row.duration_s)
     );

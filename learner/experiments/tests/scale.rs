@@ -96,7 +96,7 @@ fn rows(factor: f64) -> Vec<Value> {
 }
 
 fn obstructed(row: &Value) -> bool {
-    row["experiment"].as_str().unwrap().ends_with("obstacle")
+    row["experiment"].as_str().unwrap().contains("obstacle")
 }
 
 /// The numbers of a row that scale with a power of the factor: their names, values and powers.
@@ -121,7 +121,9 @@ fn scaled(row: &Value) -> Vec<(String, Option<f64>, i32)> {
         add(name, &row["measures"][name], 1);
     }
     add("swept_area_m2", &row["measures"]["swept_area_m2"], 2);
-    for (i, fraction) in row["tube_distances"].as_array().into_iter().flatten().enumerate() {
+    // Around an obstacle the side that is taken depends on it, too.
+    let distances = row["tube_distances"].as_array().filter(|_| !obstructed(row));
+    for (i, fraction) in distances.into_iter().flatten().enumerate() {
         add(&format!("tube_distances[{i}]"), fraction, 0);
     }
     numbers

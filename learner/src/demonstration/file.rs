@@ -152,10 +152,13 @@ pub fn read_folder(
             return Err(FileError::key(&file, format!("frames.{name}"), problem));
         }
         if let Some(name) = found.keys().find(|name| !other_frames.contains(name)) {
+            let mut expected = vec![start_frame, goal_frame];
+            expected.dedup();
+            expected.extend(other_frames.iter().map(String::as_str));
             let problem = format!(
-                "unknown frame; expected `{start_frame}`, `{goal_frame}`{}; the skill file may \
-                 name further ones in `other_frames`, or say `Auto` there",
-                other_frames.iter().map(|name| format!(", `{name}`")).collect::<String>()
+                "unknown frame; expected `{}`; a skill file may name further ones in `other_frames`, or say \
+                 `Auto` there, but for a periodic skill, which has one",
+                expected.join("`, `")
             );
             return Err(FileError::key(&file, format!("frames.{name}"), problem));
         }
