@@ -1,7 +1,7 @@
 //! Where the gripper does something: its changes in the demonstrations become events at phases.
 //!
 //! In each demonstration the changes are found by themselves: a word that changes, or a width that
-//! changes by more than [`WIDTH_FRACTION`] of what all widths span; an opening or closing that takes a while
+//! changes by more than a fifth of what all widths span; an opening or closing that takes a while
 //! is one change, in its middle. What is undone at once is chatter. The demonstrations that agree on the
 //! order of changes, most of them, give each event's phase by their median.
 
