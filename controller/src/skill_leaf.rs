@@ -232,8 +232,9 @@ impl SkillLeaf {
         };
         let (mut nearest, mut distance_m) = (0, f64::INFINITY);
         for (i, place) in path.iter().enumerate() {
-            if distance(place) < distance_m {
-                (nearest, distance_m) = (i, distance(place));
+            let here = distance(place);
+            if here < distance_m {
+                (nearest, distance_m) = (i, here);
             }
         }
         let goal = path[PLACES - 1];

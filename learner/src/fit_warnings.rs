@@ -1,6 +1,6 @@
 //! What a fit is warned of.
 
-use tprmp_model::skill_model::{DemonstrationRollout, Fit, ProgramStatus};
+use tprmp_model::skill_model::{DemonstrationRollout, Fit, ProgramFit, ProgramStatus};
 
 use crate::demonstration::plausibility::with_others;
 
@@ -12,14 +12,18 @@ const PATH_MAX_RAD: f64 = 0.1;
 /// An execution that lasts another fraction of the demonstration is warned of.
 const PACE_RANGE: [f64; 2] = [0.5, 2.0];
 
+/// The programs that were solved to a reduced accuracy only: a sentence each.
+pub(crate) fn reduced(programs: &[ProgramFit]) -> impl Iterator<Item = String> {
+    let reduced = programs.iter().filter(|program| program.status != ProgramStatus::Solved);
+    reduced.map(|program| {
+        format!("the {} was solved to a reduced accuracy only ({})", program.name, program.status)
+    })
+}
+
 /// What people should know of a fit; `span_m` is what the demonstrations span.
 pub(crate) fn fit_warnings(fit: &Fit, span_m: f64) -> Vec<String> {
     let Fit { programs, demonstrations, .. } = fit;
-    let reduced = programs.iter().filter(|program| program.status != ProgramStatus::Solved);
-    let reduced = reduced.map(|program| {
-        format!("the {} was solved to a reduced accuracy only ({})", program.name, program.status)
-    });
-    let mut warnings: Vec<String> = reduced.collect();
+    let mut warnings: Vec<String> = reduced(programs).collect();
     warnings.extend(left(
         demonstrations,
         |row| row.path_rms_m,

@@ -41,6 +41,7 @@ pub mod modes;
 pub mod periodic;
 pub mod plot;
 pub mod proposed_frames;
+mod provenance;
 pub mod record;
 pub mod report;
 pub mod skill;

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use tprmp_model::skill_model::{
     Canonical, Certificate, EvaluationError, Figure, Fit, FrameMixture, Motion, PolicyModel,
-    ProgramFit, Provenance, SkillModel, Source, Waypoint,
+    ProgramFit, SkillModel, Waypoint,
 };
 use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
 
@@ -30,6 +30,7 @@ use crate::mixture::tp_gmm::{Samples, TpGmm, uninformative_frames};
 use crate::modes::{self, Mode, Modes};
 use crate::periodic::{self, PeriodicError};
 use crate::proposed_frames;
+use crate::provenance::provenance;
 use crate::skill::{FitSettings, MotionSettings, Skill};
 
 /// Smoothing over more than this fraction of a motion leaves little of it.
@@ -417,11 +418,6 @@ impl FittedPolicy {
     /// The model without its certificate.
     fn model(&self, skill: &Skill, demonstrations: &[Demonstration], seed: u64) -> SkillModel {
         let mixture = &self.mixture;
-        let source = |d: &Demonstration| Source {
-            file: d.name.clone(),
-            sha256: d.sha256.clone(),
-            remarks: d.remarks.clone(),
-        };
         SkillModel {
             skill: skill.skill.clone(),
             manifold: skill.manifold,
@@ -443,12 +439,7 @@ impl FittedPolicy {
                 demonstrations: Vec::new(),
             },
             certificate: Certificate::none(),
-            provenance: Provenance {
-                tool_version: env!("CARGO_PKG_VERSION").into(),
-                seed,
-                demonstrations: demonstrations.iter().map(source).collect(),
-                hyper_parameters: skill.values(),
-            },
+            provenance: provenance(skill, demonstrations, seed),
             other_modes: Vec::new(),
         }
     }

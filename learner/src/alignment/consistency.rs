@@ -89,9 +89,8 @@ pub(crate) fn ends_like_the_others(
 ) -> bool {
     let ends = Ends::new(skill, demonstrations);
     let apart = |end: usize| {
-        let (here, middle) = (&ends.poses[end][index], &ends.poses[end][1 - index.min(1)]);
-        let others =
-            if demonstrations.len() > 2 { &ends.poses[end][ends.middle[end]] } else { middle };
+        let other = if demonstrations.len() == 2 { 1 - index } else { ends.middle[end] };
+        let (here, others) = (&ends.poses[end][index], &ends.poses[end][other]);
         let rotates = skill.manifold.has_orientation();
         let angle = if rotates { here.rotation_from(others).length() } else { 0.0 };
         (here.position - others.position).length() > DISTANCE_FRACTION * ends.span_m

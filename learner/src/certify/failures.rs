@@ -12,11 +12,7 @@ pub(crate) fn failures(
     demonstrations: &[DemonstrationRollout],
     faults: u32,
 ) -> Vec<String> {
-    let missed = demonstrations.iter().filter(|row| {
-        !(row.goal_error_m <= settings.goal_tolerance_m
-            && row.goal_error_rad <= settings.goal_tolerance_rad)
-    });
-    let mut failures: Vec<String> = missed
+    let mut failures: Vec<String> = missed(settings, demonstrations)
         .map(|row| {
             format!(
                 "from the start of demonstration `{}` it ends {} and {:.2}° from the goal",
@@ -48,11 +44,7 @@ pub(crate) fn cycle_failures(
     demonstrations: &[DemonstrationRollout],
     faults: u32,
 ) -> Vec<String> {
-    let missed = demonstrations.iter().filter(|row| {
-        !(row.goal_error_m <= settings.goal_tolerance_m
-            && row.goal_error_rad <= settings.goal_tolerance_rad)
-    });
-    let mut failures: Vec<String> = missed
+    let mut failures: Vec<String> = missed(settings, demonstrations)
         .map(|row| {
             format!(
                 "from the start of demonstration `{}` it comes to no limit cycle: its last two rounds are {} and \
@@ -65,6 +57,7 @@ pub(crate) fn cycle_failures(
         .collect();
     for block in &certificate.blocks {
         metric_failures(block, &mut failures);
+        stiffness_failures(block, &mut failures);
         if let Some([low, high]) = block.valley.and_then(|valley| valley.unproved) {
             failures.push(format!(
                 "that the {} potential falls all along a round is not proved between the phases {low:.4} and {high:.4}",
@@ -96,12 +89,27 @@ pub(crate) fn cycle_failures(
     failures
 }
 
+/// The rollouts from demonstrated starts that end beyond the tolerances.
+fn missed<'a>(
+    settings: &'a Certification,
+    demonstrations: &'a [DemonstrationRollout],
+) -> impl Iterator<Item = &'a DemonstrationRollout> {
+    demonstrations.iter().filter(|row| {
+        !(row.goal_error_m <= settings.goal_tolerance_m
+            && row.goal_error_rad <= settings.goal_tolerance_rad)
+    })
+}
+
 fn metric_failures(block: &BlockCertificate, failures: &mut Vec<String>) {
     let name = &block.name;
     let least = block.metric_eigenvalue_min;
     if !(least > 0.0 && block.metric_eigenvalue_max.is_finite()) {
         failures.push(format!("the {name} metric is not positive definite ({least:.2e})"));
     }
+}
+
+fn stiffness_failures(block: &BlockCertificate, failures: &mut Vec<String>) {
+    let name = &block.name;
     let stiffness = block.valley.map_or(f64::INFINITY, |valley| valley.stiffness_min_1_s2);
     if stiffness.is_nan() || stiffness <= 0.0 {
         failures.push(format!(
@@ -126,20 +134,12 @@ fn energy_failures(
 
 fn block_failures(settings: &Certification, block: &BlockCertificate, failures: &mut Vec<String>) {
     let name = &block.name;
-    let least = block.metric_eigenvalue_min;
-    if !(least > 0.0 && block.metric_eigenvalue_max.is_finite()) {
-        failures.push(format!("the {name} metric is not positive definite ({least:.2e})"));
-    }
+    metric_failures(block, failures);
     let gradient = block.goal_gradient;
     if gradient.is_nan() || gradient > settings.goal_gradient_max {
         failures.push(format!("the {name} is not at rest at the goal (|M⁻¹∇Φ| = {gradient:.2e})"));
     }
-    let stiffness = block.valley.map_or(f64::INFINITY, |valley| valley.stiffness_min_1_s2);
-    if stiffness.is_nan() || stiffness <= 0.0 {
-        failures.push(format!(
-            "the {name} potential has no lowest point at some phase (stiffness {stiffness:.2e}/s²)"
-        ));
-    }
+    stiffness_failures(block, failures);
     if let Some([low, high]) = block.valley.and_then(|valley| valley.unproved) {
         failures.push(format!(
             "that the {name} potential falls towards the goal is not proved between the phases {low:.4} and {high:.4}"

@@ -2,14 +2,13 @@
 
 use glam::DVec3;
 use nalgebra::{SMatrix, SVector};
-use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model::{FieldModel, PolicyModel, Program, ProgramFit};
 
 use crate::canonical::CanonicalSet;
 use crate::canonical::path::Path;
 use crate::fit::error::NotSolved;
-use crate::fit::field::{self, shape};
+use crate::fit::field::{self, fit_blocks, shape};
 use crate::fit::targets::BlockPath;
 use crate::mixture::tp_gmm::TpGmm;
 use crate::skill::{FieldSettings, Skill};
@@ -25,12 +24,6 @@ pub fn fit(
     set: &CanonicalSet,
     seed: u64,
 ) -> Result<(PolicyModel, Vec<ProgramFit>), NotSolved> {
-    // Each block has a stream of random numbers of its own, so that they can be fitted at once.
-    let random = |stream| {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        random.set_stream(stream);
-        random
-    };
     let plane = skill.manifold.position_dimension() == 2;
     let position = Block {
         program: Program::PositionField,
@@ -46,20 +39,16 @@ pub fn fit(
         goal: DVec3::ZERO,
         first: skill.manifold.position_dimension(),
     });
-    let (position, orientation) = rayon::join(
-        || match plane {
-            true => position.fit::<3>(settings, mixture, set, &mut random(0)),
-            false => position.fit::<4>(settings, mixture, set, &mut random(0)),
+    fit_blocks(
+        seed,
+        |random| match plane {
+            true => position.fit::<3>(settings, mixture, set, random),
+            false => position.fit::<4>(settings, mixture, set, random),
         },
-        || orientation.map(|block| block.fit::<4>(settings, mixture, set, &mut random(3))),
-    );
-    let (position, figures) = position?;
-    let mut programs = vec![figures];
-    let orientation = orientation.transpose()?.map(|(field, figures)| {
-        programs.push(figures);
-        field
-    });
-    Ok((PolicyModel::Canonical { position, orientation }, programs))
+        orientation.map(|block| {
+            move |random: &mut ChaCha8Rng| block.fit::<4>(settings, mixture, set, random)
+        }),
+    )
 }
 
 /// One block of the joint coordinates.

@@ -4,8 +4,9 @@
 //! [`Fitted::physical`] scales back.
 
 use nalgebra::{SMatrix, SVector};
-use rand::Rng;
-use tprmp_model::skill_model::{FieldModel, Figure, Program, ProgramFit, valley};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use tprmp_model::skill_model::{FieldModel, Figure, PolicyModel, Program, ProgramFit, valley};
 use tprmp_rmpflow::policy::canonical::field::Component;
 
 use crate::fit::basis::Shape;
@@ -142,6 +143,34 @@ pub fn fit<const N: usize>(
         }
         rounds += 1;
     }
+}
+
+/// Fits the field of positions, and that of orientations where there is one, side by side. Each has a stream of random
+/// numbers of its own, so that they can be fitted at once.
+///
+/// # Errors
+/// [`NotSolved`]: a field's program has no solution.
+pub(crate) fn fit_blocks(
+    seed: u64,
+    position: impl FnOnce(&mut ChaCha8Rng) -> Result<(FieldModel, ProgramFit), NotSolved> + Send,
+    orientation: Option<
+        impl FnOnce(&mut ChaCha8Rng) -> Result<(FieldModel, ProgramFit), NotSolved> + Send,
+    >,
+) -> Result<(PolicyModel, Vec<ProgramFit>), NotSolved> {
+    let random = |stream| {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(stream);
+        random
+    };
+    let (position, orientation) =
+        rayon::join(|| position(&mut random(0)), || orientation.map(|fit| fit(&mut random(3))));
+    let (position, figures) = position?;
+    let mut programs = vec![figures];
+    let orientation = orientation.transpose()?.map(|(field, figures)| {
+        programs.push(figures);
+        field
+    });
+    Ok((PolicyModel::Canonical { position, orientation }, programs))
 }
 
 impl<const N: usize> Fitted<N> {

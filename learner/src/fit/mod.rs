@@ -11,4 +11,5 @@ pub mod targets;
 pub mod thesis;
 
 pub use error::{FitError, NotSolved, Reason};
+pub(crate) use field::fit_blocks;
 pub use field::{Fitted, fit, round_shape, shape};

@@ -2,7 +2,6 @@
 
 use glam::{DQuat, DVec3};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
-use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tprmp_model::skill_model::{
     FieldModel, FrameGaussian, FrameMixture, Gaussian, PolicyModel, Program, ProgramFit, copies,
@@ -134,12 +133,6 @@ pub(super) fn fit(
     gaussians: &[RoundGaussian],
     seed: u64,
 ) -> Result<(PolicyModel, Vec<ProgramFit>), NotSolved> {
-    // Each block has a stream of random numbers of its own, so that they can be fitted at once.
-    let random = |stream| {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        random.set_stream(stream);
-        random
-    };
     let block = |program, of: fn(&Round) -> &Path, scale, first| Block {
         program,
         of,
@@ -155,20 +148,14 @@ pub(super) fn fit(
     let orientation = skill.manifold.has_orientation().then(|| {
         block(Program::OrientationField, |round| &round.rotation, rounds.scales[1], first)
     });
-    let (position, orientation) = rayon::join(
-        || match plane {
-            true => position.fit::<3>(&mut random(0)),
-            false => position.fit::<4>(&mut random(0)),
+    fit::fit_blocks(
+        seed,
+        |random| match plane {
+            true => position.fit::<3>(random),
+            false => position.fit::<4>(random),
         },
-        || orientation.map(|block| block.fit::<4>(&mut random(3))),
-    );
-    let (position, figures) = position?;
-    let mut programs = vec![figures];
-    let orientation = orientation.transpose()?.map(|(field, figures)| {
-        programs.push(figures);
-        field
-    });
-    Ok((PolicyModel::Canonical { position, orientation }, programs))
+        orientation.map(|block| move |random: &mut ChaCha8Rng| block.fit::<4>(random)),
+    )
 }
 
 /// One block of the joint coordinates.

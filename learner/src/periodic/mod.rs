@@ -22,15 +22,17 @@ use std::time::{Duration, Instant};
 
 use tprmp_model::skill_model::{
     Canonical, Certificate, EvaluationError, Figure, Fit, Motion, PolicyModel, ProgramFit,
-    ProgramStatus, Provenance, SkillModel, Source,
+    SkillModel,
 };
 
 use crate::alignment::rest::DemonstrationError;
 use crate::certify::policy::LearnedPolicy;
 use crate::demonstration::{Demonstration, plausibility};
 use crate::fit::FitError;
+use crate::fit_warnings::reduced;
 use crate::periodic::certificate::CycleCertifier;
 use crate::periodic::rounds::Rounds;
+use crate::provenance::provenance;
 use crate::skill::{FitSettings, Skill};
 
 /// A cycle that runs farther beside the mean round than this fraction of the skill's span is warned of, …
@@ -118,11 +120,6 @@ fn model(
     seed: u64,
     (policy, programs): (PolicyModel, Vec<ProgramFit>),
 ) -> SkillModel {
-    let source = |d: &Demonstration| Source {
-        file: d.name.clone(),
-        sha256: d.sha256.clone(),
-        remarks: d.remarks.clone(),
-    };
     let map = rounds.map();
     SkillModel {
         skill: skill.skill.clone(),
@@ -154,12 +151,7 @@ fn model(
             demonstrations: Vec::new(),
         },
         certificate: Certificate::none(),
-        provenance: Provenance {
-            tool_version: env!("CARGO_PKG_VERSION").into(),
-            seed,
-            demonstrations: demonstrations.iter().map(source).collect(),
-            hyper_parameters: skill.values(),
-        },
+        provenance: provenance(skill, demonstrations, seed),
         other_modes: Vec::new(),
     }
 }
@@ -183,10 +175,7 @@ fn warnings(
             skill.smoothing.window_s, rounds.period_s
         ));
     }
-    let reduced = model.fit.programs.iter().filter(|p| p.status != ProgramStatus::Solved);
-    warnings.extend(reduced.map(|program| {
-        format!("the {} was solved to a reduced accuracy only ({})", program.name, program.status)
-    }));
+    warnings.extend(reduced(&model.fit.programs));
     let Some(cycle) = &model.certificate.cycle else { return warnings };
     let span_m = skill.scale.span / rounds.scales[0];
     if cycle.beside_max_m > PATH_FRACTION_MAX * span_m {

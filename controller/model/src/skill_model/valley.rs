@@ -25,26 +25,14 @@ const SAME: f64 = 0.02;
 #[must_use]
 pub fn descent<const N: usize>(field: &Field<N>, phase_length: f64) -> (f64, Vec<SVector<f64, N>>) {
     let [low, high] = PHASE_RANGE;
-    let mut least = f64::INFINITY;
-    let mut faults: Vec<SVector<f64, N>> = Vec::new();
-    for i in 0..PHASES {
-        let fraction = low + (high - low) * f64::from(i) / f64::from(PHASES - 1);
-        if (fraction - 1.0).abs() < GOAL_FRACTION {
-            continue;
-        }
-        let Some(valley) = field.valley(fraction * phase_length) else {
-            return (f64::NEG_INFINITY, faults);
-        };
-        let fall = if fraction < 1.0 { -valley.slope } else { valley.slope } * phase_length;
-        least = least.min(fall);
-        let far = |fault: &SVector<f64, N>| {
-            (fault[N - 1] - valley.point[N - 1]).abs() > SAME * phase_length
-        };
-        if fall.is_nan() || fall <= 0.0 && faults.iter().all(far) {
-            faults.push(valley.point);
-        }
-    }
-    (least, faults)
+    let fractions = (0..PHASES).map(|i| low + (high - low) * f64::from(i) / f64::from(PHASES - 1));
+    let fractions = fractions.filter(|fraction| (fraction - 1.0).abs() >= GOAL_FRACTION);
+    falls(
+        field,
+        phase_length,
+        fractions,
+        |fraction, slope| if fraction < 1.0 { -slope } else { slope },
+    )
 }
 
 /// The least fall of the potential along the valley of a skill that goes round, by a round \[J\], and the points at
@@ -57,14 +45,26 @@ pub fn round_descent<const N: usize>(
     field: &Field<N>,
     phase_length: f64,
 ) -> (f64, Vec<SVector<f64, N>>) {
+    let fractions = (0..PHASES).map(|i| f64::from(i) / f64::from(PHASES - 1));
+    falls(field, phase_length, fractions, |_, slope| -slope)
+}
+
+/// The least fall at these fractions of the phase, and the points without one, one in each stretch of them.
+///
+/// * `fall`  by the last coordinate, of a fraction and U′ there
+fn falls<const N: usize>(
+    field: &Field<N>,
+    phase_length: f64,
+    fractions: impl Iterator<Item = f64>,
+    fall: impl Fn(f64, f64) -> f64,
+) -> (f64, Vec<SVector<f64, N>>) {
     let mut least = f64::INFINITY;
     let mut faults: Vec<SVector<f64, N>> = Vec::new();
-    for i in 0..PHASES {
-        let fraction = f64::from(i) / f64::from(PHASES - 1);
+    for fraction in fractions {
         let Some(valley) = field.valley(fraction * phase_length) else {
             return (f64::NEG_INFINITY, faults);
         };
-        let fall = -valley.slope * phase_length;
+        let fall = fall(fraction, valley.slope) * phase_length;
         least = least.min(fall);
         let far = |fault: &SVector<f64, N>| {
             (fault[N - 1] - valley.point[N - 1]).abs() > SAME * phase_length
