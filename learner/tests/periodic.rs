@@ -163,7 +163,7 @@ fn where_a_round_ends_and_the_next_one_begins_nothing_jumps() {
 /// A skill file of a periodic skill.
 fn file(folder: &Folder, edit: impl Fn(String) -> String) -> std::path::PathBuf {
     let text = skill_text("planar.ron").replace("start_frame: \"start\"", "start_frame: \"end\"");
-    let text = text.replace("tool_frame:", "motion: Periodic,\n  tool_frame:");
+    let text = text.replace("motion: Discrete", "motion: Periodic");
     folder.write("skill.ron", &edit(text))
 }
 
