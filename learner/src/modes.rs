@@ -4,9 +4,9 @@ use tprmp_model::skill_model::MODE_CAPACITY;
 use tprmp_spatial::Pose;
 
 use crate::alignment::Aligned;
-use crate::alignment::consistency::two_ends;
+use crate::alignment::consistency::ends_apart;
 use crate::alignment::rest::DemonstrationError;
-use crate::canonical::agreement::{TwoPaths, best_aligned, two_paths};
+use crate::canonical::agreement::{Paths, best_aligned, paths};
 use crate::canonical::{CanonicalSet, canonicalise};
 use crate::demonstration::Demonstration;
 use crate::skill::{FitSettings, ModeSettings, Skill};
@@ -55,7 +55,7 @@ impl Mode {
     }
 }
 
-/// Splits demonstrations into modes: as long as a group falls in two that end apart in the goal frame, or that
+/// Splits demonstrations into modes: as long as a group falls in several that end apart in the goal frame, or that
 /// take other paths between the same ends, it is split; all stay in one where the skill file says so.
 ///
 /// # Errors
@@ -67,36 +67,46 @@ pub fn split(skill: &Skill, demonstrations: &[Demonstration]) -> Result<Modes, D
     let mut open = vec![(0..demonstrations.len()).collect::<Vec<_>>()];
     let (mut modes, mut told) = (Vec::<Mode>::new(), Vec::new());
     while let Some(members) = open.pop() {
-        let may_split = skill.modes == ModeSettings::Auto
-            && members.len() > 1
-            && modes.len() + open.len() + 2 <= MODE_CAPACITY;
         let recorded: Vec<_> = members.iter().map(|i| demonstrations[*i].clone()).collect();
-        let mut found = two_ends(skill, &recorded).filter(|_| may_split);
+        let may_split = skill.modes == ModeSettings::Auto && members.len() > 1;
+        let mut found = may_split.then(|| ends_apart(skill, &recorded)).flatten();
+        let mut mode = None;
         if found.is_none() {
-            let mode = Mode { members: members.clone(), ..Mode::of_all(skill, &recorded)? };
-            let paths = may_split.then(|| other_paths(skill, &mode)).flatten();
-            let Some(TwoPaths { second, told }) = paths else {
-                modes.push(mode);
-                continue;
-            };
-            found = Some((second, told));
+            let all = Mode { members: members.clone(), ..Mode::of_all(skill, &recorded)? };
+            let paths = may_split.then(|| other_paths(skill, &all)).flatten();
+            found = paths.map(|Paths { labels, told }| (labels, told));
+            mode = Some(all);
         }
-        let (second, why) = found.expect("two ends or two paths");
-        told.push(why);
-        for is_second in [true, false] {
-            let group = members.iter().zip(&second).filter(|(_, is)| **is == is_second);
-            open.push(group.map(|(i, _)| *i).collect());
+        let count = found.iter().flat_map(|(labels, _)| labels).max().map_or(1, |last| last + 1);
+        match found {
+            Some((labels, why)) if modes.len() + open.len() + count <= MODE_CAPACITY => {
+                told.push(why);
+                open.extend((0..count).rev().map(|label| {
+                    let group = members.iter().zip(&labels).filter(|(_, l)| **l == label);
+                    group.map(|(i, _)| *i).collect()
+                }));
+            }
+            found => {
+                if let Some((_, why)) = found {
+                    told.push(format!(
+                        "{why}: they stay together, as a model has at most {MODE_CAPACITY} modes; what is learned \
+                         of them is their mean, which nobody demonstrated"
+                    ));
+                }
+                let all = || Mode::of_all(skill, &recorded);
+                modes.push(Mode { members, ..mode.map_or_else(all, Ok)? });
+            }
         }
     }
     modes.sort_by_key(|mode| (usize::MAX - mode.members.len(), mode.members[0]));
     Ok(Modes { modes, told })
 }
 
-/// [`two_paths`], also where a regression of the path on the frames has blurred them.
-fn other_paths(skill: &Skill, mode: &Mode) -> Option<TwoPaths> {
+/// [`paths`], also where a regression of the path on the frames has blurred them.
+fn other_paths(skill: &Skill, mode: &Mode) -> Option<Paths> {
     let Mode { aligned, set, .. } = mode;
     let demonstrations = &aligned.demonstrations;
-    let found = two_paths(skill, demonstrations, set);
+    let found = paths(skill, demonstrations, set);
     if found.is_some() || set.map.adaptation().is_none() {
         return found;
     }
@@ -105,13 +115,13 @@ fn other_paths(skill: &Skill, mode: &Mode) -> Option<TwoPaths> {
         fit.adaptation.error_fraction_max = 0.0;
     }
     let set = canonicalise(&unadapted, demonstrations).ok()?;
-    let found = two_paths(skill, demonstrations, &set)?;
-    (explained(demonstrations, &found.second) <= EXPLAINED_FRACTION).then_some(found)
+    let found = paths(skill, demonstrations, &set)?;
+    (explained(demonstrations, &found.labels) <= EXPLAINED_FRACTION).then_some(found)
 }
 
 /// For which fraction of the demonstrations those whose goal frame lies nearest to theirs, seen from the start
 /// frame, are of their group.
-fn explained(demonstrations: &[Demonstration], second: &[bool]) -> f64 {
+fn explained(demonstrations: &[Demonstration], labels: &[usize]) -> f64 {
     let shift = |d: &Demonstration| d.start.inverse().compose(&d.goal_frame);
     let shifts: Vec<Pose> = demonstrations.iter().map(shift).collect();
     let apart = |i: usize, j: usize| {
@@ -123,7 +133,7 @@ fn explained(demonstrations: &[Demonstration], second: &[bool]) -> f64 {
         let least = others(i).map(|j| apart(i, j)).fold(f64::INFINITY, f64::min);
         let nearest = others(i).filter(|j| apart(i, *j) <= least);
         let (same, count) = nearest.fold((0.0, 0.0), |(same, count), j| {
-            (same + f64::from(second[j] == second[i]), count + 1.0)
+            (same + f64::from(labels[j] == labels[i]), count + 1.0)
         });
         same / count
     };

@@ -11,7 +11,7 @@ use tprmp_rmpflow::policy::canonical::frame_map::Anchor;
 
 use crate::alignment::rest::DemonstrationError;
 use crate::alignment::{Aligned, Alignment, consistency};
-use crate::canonical::agreement::{Agreement, two_paths};
+use crate::canonical::agreement::{Agreement, paths};
 use crate::canonical::{CanonicalSet, PhaseProfile, canonicalise};
 use crate::certify::Certifier;
 use crate::certify::policy::LearnedPolicy;
@@ -362,7 +362,7 @@ fn learn_mode(
     warnings.extend(uninformative_frames(skill, demonstrations));
     warnings.extend(left_out_frames(skill, demonstrations, set));
     warnings.extend(fitted.agreement.warnings(skill, demonstrations));
-    if let Some(paths) = two_paths(skill, demonstrations, set) {
+    if let Some(paths) = paths(skill, demonstrations, set) {
         warnings.push(format!(
             "{}; what is learned is their mean, which nobody demonstrated: learn each from a folder of its own",
             paths.told

@@ -79,6 +79,77 @@ fn three_ways_are_three_modes() {
 }
 
 #[test]
+fn ways_spread_evenly_are_modes_each() {
+    let skill = skill("planar.ron");
+    for ways in [3, 4, 5, 6] {
+        // From one side to the other at equal distances.
+        let way = |i: usize| 2.0 * (i % ways) as f64 / (ways - 1) as f64 - 1.0;
+        let split = split(&skill, &bent(Manifold::R2, 2 * ways, way)).unwrap();
+        let members: Vec<_> = split.modes.into_iter().map(|mode| mode.members).collect();
+        let expected: Vec<_> = (0..ways).map(|way| vec![way, way + ways]).collect();
+        assert_eq!(members, expected, "{:?}", split.told);
+    }
+    // Once each.
+    assert_eq!(members(&skill, &bent(Manifold::R2, 3, |i| i as f64 - 1.0)), [[0], [1], [2]]);
+}
+
+#[test]
+fn more_ways_than_a_model_holds_are_told() {
+    // Three ways in space, each with four ends.
+    let mut demonstrations = bent(Manifold::R3S3, 24, |i| (i % 3) as f64 - 1.0);
+    for (i, demonstration) in demonstrations.iter_mut().enumerate() {
+        let yaw = std::f64::consts::FRAC_PI_2 * (i / 3 % 4) as f64 - 2.2;
+        let last = demonstration.poses.len() as f64 - 1.0;
+        for (k, pose) in demonstration.poses.iter_mut().enumerate() {
+            pose.orientation *= DQuat::from_rotation_z(yaw * k as f64 / last);
+        }
+    }
+    let split = split(&skill("pick.ron"), &demonstrations).unwrap();
+    assert_eq!(split.modes.iter().map(|mode| mode.members.len()).sum::<usize>(), 24);
+    assert!(split.modes.len() > 4, "{:?}", split.told);
+    assert!(split.told.iter().any(|t| t.contains("at most 8 modes")), "{:?}", split.told);
+}
+
+#[test]
+fn grasps_from_four_sides_are_four_modes() {
+    let mut demonstrations = bent(Manifold::R3S3, 8, |_| 1.0);
+    for (i, demonstration) in demonstrations.iter_mut().enumerate() {
+        let yaw = std::f64::consts::FRAC_PI_2 * (i % 4) as f64 - 2.2;
+        let last = demonstration.poses.len() as f64 - 1.0;
+        for (k, pose) in demonstration.poses.iter_mut().enumerate() {
+            pose.orientation *= DQuat::from_rotation_z(yaw * k as f64 / last);
+        }
+    }
+    assert_eq!(members(&skill("pick.ron"), &demonstrations), [[0, 4], [1, 5], [2, 6], [3, 7]]);
+}
+
+#[test]
+fn a_bad_demonstration_hides_no_mode_and_is_none() {
+    for (template, manifold) in [("planar.ron", Manifold::R2), ("pick.ron", Manifold::R3S3)] {
+        let skill = skill(template);
+        let side = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
+        let changes: [fn(&mut Demonstration); 2] =
+            [|d| d.poses.reverse(), |d| d.poses[40].position += DVec3::new(0.3, 0.2, 0.0)];
+        for (c, change) in changes.iter().enumerate() {
+            let mut demonstrations = bent(manifold, 7, side);
+            change(&mut demonstrations[3]);
+            let members = members(&skill, &demonstrations);
+            assert_eq!(members.len(), 2, "{template}, change {c}: {members:?}");
+            let of = |i: usize| members.iter().position(|m| m.contains(&i));
+            assert!([2, 4, 6].iter().all(|i| of(*i) == of(0)), "{template}, {c}: {members:?}");
+            assert!(of(5) == of(1) && of(0) != of(1), "{template}, change {c}: {members:?}");
+        }
+        // Nor where all do the same.
+        for change in changes {
+            let mut demonstrations = bent(manifold, 6, |_| 1.0);
+            change(&mut demonstrations[3]);
+            let members = members(&skill, &demonstrations);
+            assert_eq!(members, [[0, 1, 2, 3, 4, 5]], "{template}");
+        }
+    }
+}
+
+#[test]
 fn two_grasps_are_two_modes() {
     // More than half a turn apart, too: their mean would be neither, nor would it be defined.
     for yaw in [1.4, 1.75] {

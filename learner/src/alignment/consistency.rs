@@ -8,7 +8,7 @@ use glam::{DQuat, DVec3};
 use tprmp_spatial::Pose;
 use tprmp_spatial::rotation::rotation_vector;
 
-use crate::alignment::groups::one_group_from_the_others;
+use crate::alignment::groups::{Groups, groups};
 use crate::demonstration::{Demonstration, largest_span_m};
 use crate::skill::Skill;
 
@@ -61,12 +61,12 @@ pub fn warnings(skill: &Skill, demonstrations: &[Demonstration]) -> Vec<String> 
     warnings
 }
 
-/// Two groups of two demonstrations or more that end apart in the goal frame: which, and a sentence about it.
-/// Not where another order of quaternions explains it.
-pub(crate) fn two_ends(
+/// Groups of two demonstrations or more that end apart in the goal frame: the group of each, and a sentence about
+/// them. Not where another order of quaternions explains it.
+pub(crate) fn ends_apart(
     skill: &Skill,
     demonstrations: &[Demonstration],
-) -> Option<(Vec<bool>, String)> {
+) -> Option<(Vec<usize>, String)> {
     let ends = Ends::new(skill, demonstrations);
     if skill.manifold.has_orientation() {
         let reordered = all_in_another_order(skill, demonstrations).is_some()
@@ -74,11 +74,11 @@ pub(crate) fn two_ends(
         if reordered {
             return None;
         }
-        if let Some(found) = ends.two_orientations() {
+        if let Some(found) = ends.orientations_apart() {
             return Some(found);
         }
     }
-    ends.two_positions()
+    ends.positions_apart()
 }
 
 /// Whether one demonstration ends where the others do, and starts so in their frames.
@@ -283,7 +283,7 @@ impl<'a> Ends<'a> {
     fn rotations(&self, odd: &mut [bool]) -> Vec<String> {
         let mut warnings = Vec::new();
         let turned = [self.turned(0), self.turned(1)];
-        if let Some((_, told)) = self.two_orientations() {
+        if let Some((_, told)) = self.orientations_apart() {
             odd.fill(true);
             return vec![format!("{told}{NEITHER}")];
         }
@@ -331,7 +331,7 @@ impl<'a> Ends<'a> {
     fn positions(&self, odd: &mut [bool]) -> Vec<String> {
         let ends: Vec<DVec3> = self.poses[1].iter().map(|pose| pose.position).collect();
         let least = DISTANCE_FRACTION * self.span_m;
-        if let Some((_, told)) = self.two_positions() {
+        if let Some((_, told)) = self.positions_apart() {
             odd.fill(true);
             return vec![format!("{told}{NEITHER}")];
         }
@@ -360,38 +360,37 @@ impl<'a> Ends<'a> {
         warnings
     }
 
-    fn two_orientations(&self) -> Option<(Vec<bool>, String)> {
+    fn orientations_apart(&self) -> Option<(Vec<usize>, String)> {
         let text = |distance: f64| format!("{:.0}°", distance.to_degrees());
-        self.two_ends(&self.turned(1), ANGLE_MIN_RAD, text)
+        self.apart(&self.turned(1), ANGLE_MIN_RAD, text)
     }
 
-    fn two_positions(&self) -> Option<(Vec<bool>, String)> {
+    fn positions_apart(&self) -> Option<(Vec<usize>, String)> {
         let ends: Vec<DVec3> = self.poses[1].iter().map(|pose| pose.position).collect();
         let text = |distance: f64| format!("{:.0} mm", 1e3 * distance);
-        self.two_ends(&ends, DISTANCE_FRACTION * self.span_m, text)
+        self.apart(&ends, DISTANCE_FRACTION * self.span_m, text)
     }
 
-    /// Two groups of two demonstrations or more that end apart.
-    fn two_ends(
+    /// Groups of two demonstrations or more that end apart.
+    fn apart(
         &self,
         points: &[DVec3],
         least: f64,
         text: impl Fn(f64) -> String,
-    ) -> Option<(Vec<bool>, String)> {
+    ) -> Option<(Vec<usize>, String)> {
         let points: Vec<Vec<f64>> = points.iter().map(|p| p.to_array().to_vec()).collect();
-        let groups = one_group_from_the_others(&points)?;
-        if groups.distance < least || groups.smaller() < 2 {
+        let groups = groups(&points)?;
+        if groups.distance < least || groups.smallest() < 2 {
             return None;
         }
-        let names = |second: bool| names(self.demonstrations, &groups.second, second);
         let told = format!(
-            "the demonstrations end in two groups in `{}`, {} apart: {} and {}",
+            "the demonstrations end in {} groups in `{}`, {} apart: {}",
+            number(groups.count()),
             self.frame(1),
             text(groups.distance),
-            names(false),
-            names(true)
+            names(self.demonstrations, &groups)
         );
-        Some((groups.second, told))
+        Some((groups.labels, told))
     }
 
     /// How far all ends lie apart.
@@ -420,10 +419,24 @@ impl<'a> Ends<'a> {
     }
 }
 
-/// Names of the demonstrations of one group.
-pub(crate) fn names(demonstrations: &[Demonstration], group: &[bool], second: bool) -> String {
-    let some = demonstrations.iter().zip(group).filter(|(_, is)| **is == second);
-    some.map(|(d, _)| format!("`{}`", d.name)).collect::<Vec<_>>().join(", ")
+/// Names of the demonstrations, group by group.
+pub(crate) fn names(demonstrations: &[Demonstration], groups: &Groups) -> String {
+    let of = |label: usize| {
+        let members =
+            groups.members(label).into_iter().map(|i| format!("`{}`", demonstrations[i].name));
+        members.collect::<Vec<_>>().join(", ")
+    };
+    (0..groups.count()).map(of).collect::<Vec<_>>().join(" and ")
+}
+
+/// A small number in words.
+pub(crate) fn number(count: usize) -> String {
+    match count {
+        2 => "two".into(),
+        3 => "three".into(),
+        4 => "four".into(),
+        _ => count.to_string(),
+    }
 }
 
 /// Which of several points lies far from the others: farther than the least, and than a multiple of the

@@ -6,13 +6,13 @@ use tprmp_model::skill_model::lost_agreement;
 use tprmp_rmpflow::policy::canonical::frame_map::Canonical;
 use tprmp_spatial::Pose;
 
-use crate::alignment::consistency::{ends_like_the_others, names};
-use crate::alignment::groups::{Groups, one_group_from_the_others};
+use crate::alignment::consistency::{ends_like_the_others, names, number};
+use crate::alignment::groups::{Groups, groups};
 use crate::alignment::rest::DemonstrationError;
 use crate::alignment::{Aligned, Prepared};
 use crate::canonical::coordinates::{CanonicalDemonstration, CanonicalSet, canonicalise};
 use crate::canonical::means::mean_pose;
-use crate::demonstration::{Demonstration, largest_span_m};
+use crate::demonstration::{Demonstration, largest_span_m, plausibility};
 use crate::skill::{AlignmentMethod, Skill};
 
 /// Fractions of the common time at which agreement is looked at, the ends included.
@@ -170,83 +170,101 @@ pub fn predicted(
     (0..count).map(of).collect()
 }
 
-/// Two groups of demonstrations that take other paths between common ends.
+/// Groups of demonstrations that take other paths between common ends.
 #[derive(Clone, Debug)]
-pub struct TwoPaths {
-    /// For each demonstration, whether it is of the second group.
-    pub second: Vec<bool>,
+pub struct Paths {
+    /// For each demonstration, its group.
+    pub labels: Vec<usize>,
     /// Which, from and to which fraction of the time, and how far apart.
     pub told: String,
 }
 
-/// The demonstrations in two groups that take other paths between common ends.
+/// Where along the time demonstrations lie in groups.
+struct Place {
+    step: usize,
+    groups: Groups,
+}
+
+/// The demonstrations in groups that take other paths between common ends.
 ///
-/// One demonstration against the others has to be farther from them than a group, and to end where they do:
-/// else it may be a bad one.
+/// Those that may be bad, that end elsewhere or are implausible, make no groups: they are of the one that they are
+/// nearest to. One demonstration against the others has to be farther from them than a group.
 #[must_use]
-pub fn two_paths(
-    skill: &Skill,
-    demonstrations: &[Demonstration],
-    set: &CanonicalSet,
-) -> Option<TwoPaths> {
+pub fn paths(skill: &Skill, demonstrations: &[Demonstration], set: &CanonicalSet) -> Option<Paths> {
+    let good: Vec<usize> = (0..demonstrations.len())
+        .filter(|i| ends_like_the_others(skill, demonstrations, *i))
+        .filter(|i| plausibility::warnings(&demonstrations[*i..=*i]).is_empty())
+        .collect();
+    // Where many end elsewhere, that says nothing about one.
+    let some: Vec<usize> = if 3 * good.len() < 2 * demonstrations.len() {
+        (0..demonstrations.len()).collect()
+    } else {
+        good.clone()
+    };
     let span_m = skill.scale.span / set.scales[0];
-    let groups = |step: usize, block: usize| {
-        let points: Vec<Vec<f64>> = set
-            .demonstrations
-            .iter()
-            .map(|d| {
-                let path = if block == 0 { &d.position } else { &d.rotation };
-                path.points[sample(path.points.len(), step)].to_array().to_vec()
+    let blocks = [
+        (0, WAYS_FRACTION * span_m, WAYS_FRACTION_OF_ONE * span_m),
+        (1, WAYS_RAD, WAYS_RAD_OF_ONE),
+    ];
+    blocks.into_iter().find_map(|(block, least, least_of_one)| {
+        let apart = |g: &Groups| g.distance > if g.smallest() > 1 { least } else { least_of_one };
+        let places: Vec<Place> = (0..STEPS)
+            .filter_map(|step| {
+                let groups = groups_at(&points(set, &some, step, block)).filter(apart)?;
+                Some(Place { step, groups })
             })
             .collect();
-        split(&points)
-    };
-    for (block, least, least_of_one) in
-        [(0, WAYS_FRACTION * span_m, WAYS_FRACTION_OF_ONE * span_m), (1, WAYS_RAD, WAYS_RAD_OF_ONE)]
-    {
-        let least = |groups: &Groups| if groups.smaller() > 1 { least } else { least_of_one };
-        let found: Vec<(usize, Groups)> = (0..STEPS)
-            .filter_map(|step| Some((step, groups(step, block)?)))
-            .filter(|(_, groups)| groups.distance > least(groups))
-            .collect();
-        let Some((_, first)) = found.first() else { continue };
-        // The same groups, whichever comes first.
-        let same = |second: &[bool]| {
-            second == first.second || second.iter().zip(&first.second).all(|(a, b)| a != b)
+        let found = same_everywhere(&places)?;
+        let all: Vec<usize> = (0..demonstrations.len()).collect();
+        let groups = found.groups.joined(&some, &points(set, &all, found.step, block));
+        let is_bad = |label: usize| {
+            let members = groups.members(label);
+            members.len() == 1 && !good.contains(&members[0])
         };
-        let stable = found.iter().filter(|(_, groups)| same(&groups.second)).count();
-        if stable < WAYS_STEPS || stable < found.len() {
-            continue;
+        if (0..groups.count()).any(is_bad) {
+            return None;
         }
-        if first.smaller() == 1 {
-            let small = first.second.iter().filter(|is| **is).count() == 1;
-            let one = first.second.iter().position(|is| *is == small)?;
-            if !ends_like_the_others(skill, demonstrations, one) {
-                continue;
-            }
-        }
-        let most = found.iter().map(|(_, groups)| groups.distance).fold(0.0, f64::max);
+        let most = places.iter().map(|place| place.groups.distance).fold(0.0, f64::max);
         let apart = if block == 0 {
             format!("{:.0} mm", 1e3 * most)
         } else {
             format!("{:.0}°", most.to_degrees())
         };
         let told = format!(
-            "between {:.0} and {:.0} % of the time the demonstrations take two paths, {apart} apart: {} and \
-             {}",
-            percent(found[0].0),
-            percent(found[found.len() - 1].0),
-            names(demonstrations, &first.second, false),
-            names(demonstrations, &first.second, true)
+            "between {:.0} and {:.0} % of the time the demonstrations take {} paths, {apart} apart: {}",
+            percent(places[0].step),
+            percent(places[places.len() - 1].step),
+            number(groups.count()),
+            names(demonstrations, &groups),
         );
-        return Some(TwoPaths { second: first.second.clone(), told });
-    }
-    None
+        Some(Paths { labels: groups.labels, told })
+    })
 }
 
-/// Groups of points; two points are a group each.
-fn split(points: &[Vec<f64>]) -> Option<Groups> {
-    let [a, b] = points else { return one_group_from_the_others(points) };
-    let distance = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
-    Some(Groups { second: vec![false, true], distance })
+/// The finest groups at many places that those at all others agree with: finer or coarser ones.
+fn same_everywhere(places: &[Place]) -> Option<&Place> {
+    let mut order: Vec<&Place> = places.iter().collect();
+    order.sort_by_key(|place| std::cmp::Reverse(place.groups.count()));
+    order.into_iter().find(|place| {
+        let groups = &place.groups;
+        let same = places.iter().filter(|other| other.groups.labels == groups.labels).count();
+        let agrees =
+            |other: &Place| groups.finer_than(&other.groups) || other.groups.finer_than(groups);
+        same >= WAYS_STEPS && places.iter().all(agrees)
+    })
+}
+
+/// Where some of the demonstrations are at a step.
+fn points(set: &CanonicalSet, some: &[usize], step: usize, block: usize) -> Vec<Vec<f64>> {
+    let point = |i: &usize| {
+        let d = &set.demonstrations[*i];
+        let path = if block == 0 { &d.position } else { &d.rotation };
+        path.points[sample(path.points.len(), step)].to_array().to_vec()
+    };
+    some.iter().map(point).collect()
+}
+
+/// Groups of points; two or three points that are none may be a group each.
+fn groups_at(points: &[Vec<f64>]) -> Option<Groups> {
+    groups(points).or_else(|| (2..=3).contains(&points.len()).then(|| Groups::of_one_each(points)))
 }
