@@ -28,6 +28,10 @@ const WIDTH_SPAN_MIN_M: f64 = 1e-3;
 const ARRIVED_FRACTION: f64 = 0.02;
 /// See [`ARRIVED_FRACTION`] \[s\].
 const RAMP_S: f64 = 0.2;
+/// … or, where the change takes longer, within this fraction of the time that it has taken.
+const STILL_FRACTION: f64 = 1.0 / 3.0;
+/// Demonstrations whose events lie farther from the median phase than this are warned of.
+const SPREAD_MAX: f64 = 0.2;
 
 /// The events of a skill, and what is to be said of them.
 #[derive(Debug, Default)]
@@ -128,19 +132,42 @@ pub fn find(recorded: &[Demonstration], alignments: &[Alignment], profile: &Phas
         ));
         return found;
     }
-    found.events = (0..count).map(|i| event(&agreed, i, profile)).collect();
+    for i in 0..count {
+        let phases = phases(&agreed, i, profile);
+        let event = event(&agreed, i, &phases);
+        if event.spread > SPREAD_MAX {
+            found.warnings.push(scattered(&agreed, i, &phases));
+        }
+        found.events.push(event);
+    }
     found
+}
+
+/// That the phases of an event scatter.
+fn scattered(agreed: &[&Row], i: usize, phases: &[f64]) -> String {
+    let order = |a: &usize, b: &usize| phases[*a].total_cmp(&phases[*b]);
+    let first = (0..phases.len()).min_by(order).expect("there are demonstrations");
+    let last = (0..phases.len()).max_by(order).expect("there are demonstrations");
+    format!(
+        "the gripper {} at phases from {:.2} in `{}` to {:.2} in `{}`: the skill does it at their median; was the \
+         gripper recorded with the same clock as the tool?",
+        agreed[0].changes[i].kind,
+        phases[first],
+        agreed[first].name,
+        phases[last],
+        agreed[last].name
+    )
 }
 
 /// How much the widths of all demonstrations span \[m\].
 fn width_span_m(recorded: &[Demonstration]) -> f64 {
     let widths = recorded.iter().filter_map(|d| match &d.gripper {
-        Some(Gripper::Widths(widths_m)) => Some(widths_m),
+        Some(Gripper::Widths(widths_m)) => Some(without_spikes(widths_m)),
         _ => None,
     });
     let (low, high) = widths
         .flatten()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), w| (low.min(*w), high.max(*w)));
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), w| (low.min(w), high.max(w)));
     (high - low).max(0.0)
 }
 
@@ -178,17 +205,24 @@ fn sequence(row: &Row) -> String {
     if kinds.is_empty() { "does nothing".into() } else { kinds.join(", then ") }
 }
 
-/// Event `i` of demonstrations that agree.
-fn event(agreed: &[&Row], i: usize, profile: &PhaseProfile) -> GripperEvent {
+/// Fractions of the common time at which event `i` happens in each demonstration.
+fn fractions(agreed: &[&Row], i: usize) -> Vec<f64> {
+    agreed.iter().map(|row| fraction(row.alignment, row.changes[i].sample)).collect()
+}
+
+/// The phases there.
+fn phases(agreed: &[&Row], i: usize, profile: &PhaseProfile) -> Vec<f64> {
+    fractions(agreed, i).iter().map(|t| profile.at(*t)[0].clamp(0.0, 1.0)).collect()
+}
+
+/// Event `i` of demonstrations that agree, which happens at these phases.
+fn event(agreed: &[&Row], i: usize, phases: &[f64]) -> GripperEvent {
     let median = |values: &[f64]| quantile(values, 0.5).expect("there are demonstrations");
-    let fractions: Vec<f64> =
-        agreed.iter().map(|row| fraction(row.alignment, row.changes[i].sample)).collect();
-    let phases: Vec<f64> = fractions.iter().map(|t| profile.at(*t)[0].clamp(0.0, 1.0)).collect();
-    let phase = median(&phases);
+    let phase = median(phases);
     let widths: Vec<f64> = agreed.iter().map(|row| row.changes[i].width_m).collect();
     GripperEvent {
         phase,
-        time_fraction: median(&fractions),
+        time_fraction: median(&fractions(agreed, i)),
         action: match agreed[0].changes[i].kind {
             Kind::Opens => GripperAction::Opens,
             Kind::Closes => GripperAction::Closes,
@@ -243,10 +277,22 @@ fn is_chatter(before: &Change, change: &Change, dt: f64) -> bool {
     (change.sample - before.sample) * dt <= CHATTER_S + TIME_TOLERANCE_S
 }
 
-fn width_changes(widths_m: &[f64], dt: f64, span_m: f64) -> (Vec<Change>, usize) {
+/// Widths without what only one sample says: the middle of three.
+fn without_spikes(widths_m: &[f64]) -> Vec<f64> {
+    let last = widths_m.len() - 1;
+    let middle = |i: usize| {
+        let mut three = [widths_m[i.saturating_sub(1)], widths_m[i], widths_m[(i + 1).min(last)]];
+        three.sort_by(f64::total_cmp);
+        three[1]
+    };
+    (0..widths_m.len()).map(middle).collect()
+}
+
+fn width_changes(raw_m: &[f64], dt: f64, span_m: f64) -> (Vec<Change>, usize) {
     let (most, arrived) = ((WIDTH_FRACTION * span_m).max(WIDTH_MIN_M), ARRIVED_FRACTION * span_m);
-    let steps = (RAMP_S / dt).ceil().max(1.0) as usize;
-    let (mut kept, mut undone): (Vec<(Change, f64)>, usize) = (Vec::new(), 0);
+    let widths_m = &without_spikes(raw_m)[..];
+    let mut undone = raw_m.iter().zip(widths_m).filter(|(a, b)| (*a - *b).abs() > most).count();
+    let mut kept: Vec<(Change, f64)> = Vec::new();
     let (mut settled_m, mut from, mut i) = (widths_m[0], 0, 1);
     while i < widths_m.len() {
         if (widths_m[i] - settled_m).abs() <= most {
@@ -254,18 +300,9 @@ fn width_changes(widths_m: &[f64], dt: f64, span_m: f64) -> (Vec<Change>, usize)
             continue;
         }
         let sign = (widths_m[i] - settled_m).signum();
-        // The farthest so far, until nothing goes on for a while or it turns back.
-        let mut farthest = i;
-        let mut next = i + 1;
-        while next < widths_m.len() && next - farthest <= steps {
-            let on = sign * (widths_m[next] - widths_m[farthest]);
-            if on > arrived {
-                farthest = next;
-            } else if on < -most {
-                break;
-            }
-            next += 1;
-        }
+        let stood = |width_m: &f64| (width_m - settled_m).abs() <= arrived;
+        let leaves = from + widths_m[from..i].iter().rposition(stood).unwrap_or(0);
+        let farthest = farthest(widths_m, leaves, i, [sign * arrived, -sign * most], dt);
         let after_m = widths_m[farthest];
         let middle_m = 0.5 * (settled_m + after_m);
         let is_before = |width_m: &f64| sign * (width_m - middle_m) < 0.0;
@@ -286,6 +323,32 @@ fn width_changes(widths_m: &[f64], dt: f64, span_m: f64) -> (Vec<Change>, usize)
         (settled_m, from, i) = (after_m, farthest, farthest + 1);
     }
     (kept.into_iter().map(|(change, _)| change).collect(), undone)
+}
+
+/// How far a change that leaves its width at one sample, and has been seen at another, goes: until it stands still for
+/// a while, or for a part of the time that it has taken, or turns back. It goes on by more than `[on_m, _]`, and
+/// turns back by more than `[_, back_m]`, both with their signs \[m\].
+fn farthest(
+    widths_m: &[f64],
+    leaves: usize,
+    seen: usize,
+    [on_m, back_m]: [f64; 2],
+    dt: f64,
+) -> usize {
+    let mut farthest = seen;
+    for next in seen + 1..widths_m.len() {
+        let taken_s = (farthest - leaves) as f64 * dt;
+        if (next - 1 - farthest) as f64 * dt >= RAMP_S.max(STILL_FRACTION * taken_s) {
+            break;
+        }
+        let further = widths_m[next] - widths_m[farthest];
+        if further * on_m.signum() > on_m.abs() {
+            farthest = next;
+        } else if further * back_m.signum() > back_m.abs() {
+            break;
+        }
+    }
+    farthest
 }
 
 #[cfg(test)]

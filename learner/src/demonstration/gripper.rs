@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::file_error::FileError;
 
 /// Wider grippers are refused \[m\]: what opens farther is said in millimetres.
-pub const WIDTH_MAX_M: f64 = 10.0;
+pub const WIDTH_MAX_M: f64 = 1.0;
 
 /// Whether a gripper is open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -183,3 +183,57 @@ fn a_width_that_gives_way_a_little_or_for_a_moment_is_no_event() {
     assert_eq!(events.len(), 2, "{events:?}");
     assert!(warnings[0].contains("1 change is undone"), "{warnings:?}");
 }
+
+#[test]
+fn a_slow_ramp_is_one_event_and_a_long_rest_on_the_way_makes_two() {
+    // Over 14 s and over 40 s, from 80 mm to nothing.
+    for count in [700_usize, 2000] {
+        let width = |i: usize| 0.08 * (1.0 - (i as f64 / count as f64 - 0.1).clamp(0.0, 0.8) / 0.8);
+        let slow = Gripper::Widths((0..count).map(width).collect());
+        let (found, undone) = changes(&slow, DT, 0.08);
+        let [change] = found[..] else { panic!("one change, not {found:?}") };
+        assert_eq!((change.kind, undone), (Kind::Narrows, 0));
+        assert!(
+            (change.sample - 0.5 * count as f64).abs() < 2.0 + 0.03 * count as f64,
+            "{change:?}"
+        );
+        assert!(change.width_m < 0.003, "{change:?}");
+    }
+    let twice = |i: usize| {
+        if i < 50 {
+            0.08
+        } else if i < 90 {
+            0.04
+        } else {
+            0.0
+        }
+    };
+    let (found, _) = changes(&Gripper::Widths((0..141).map(twice).collect()), DT, 0.08);
+    assert_eq!(found.len(), 2, "{found:?}");
+}
+
+#[test]
+fn one_wrong_width_hides_no_event() {
+    let width = |i: usize| {
+        if i == 30 {
+            0.9
+        } else if i < 70 {
+            0.08
+        } else {
+            0.01
+        }
+    };
+    let wrong = Some(Gripper::Widths((0..141).map(width).collect()));
+    let Found { events, warnings } = found(vec![wrong.clone(), wrong]);
+    assert_eq!((events.len(), warnings.len()), (1, 1), "{events:?} {warnings:?}");
+}
+
+#[test]
+fn phases_that_scatter_are_told_by_name() {
+    let Found { events, warnings } = found(vec![closing(30), closing(60), closing(110)]);
+    assert_eq!(events.len(), 1);
+    let [warning] = &warnings[..] else { panic!("one warning, not {warnings:?}") };
+    for part in ["closes", "0.10", "`01.json`", "0.90", "`03.json`"] {
+        assert!(warning.contains(part), "{warning}");
+    }
+}
