@@ -6,11 +6,15 @@
 use tprmp_model::skill_model::FRAME_CAPACITY;
 
 use crate::alignment::rest::DemonstrationError;
-use crate::canonical::CanonicalSet;
-use crate::canonical::agreement::best_aligned;
+use crate::canonical::agreement::{apart, best_aligned};
+use crate::canonical::{CanonicalSet, canonicalise};
 use crate::demonstration::Demonstration;
 use crate::demonstration::plausibility::with_others;
 use crate::skill::Skill;
+
+/// A named frame is warned of when without it the demonstrations lie nearer to each other than this fraction, in position and
+/// in rotation.
+const HARMFUL_FRACTION: f64 = 0.5;
 
 /// What is proposed.
 #[derive(Clone, Debug)]
@@ -67,7 +71,61 @@ pub fn propose(skill: &Skill, recorded: &[Demonstration]) -> Result<Proposal, De
             "the frame `{name}` is not used: the skill has {FRAME_CAPACITY} frames already, the most"
         ));
     }
+    without_harmful(&mut proposed, recorded, &mut warnings)?;
     Ok(Proposal { skill: proposed, warnings, tried })
+}
+
+/// Leaves out frames without which the demonstrations lie nearer to each other: one that stands still beside the goal
+/// is near where it matters, and lacks what the goal frame says elsewhere.
+fn without_harmful(
+    proposed: &mut Skill,
+    recorded: &[Demonstration],
+    warnings: &mut Vec<String>,
+) -> Result<(), DemonstrationError> {
+    for name in proposed.other_frames.clone() {
+        let (aligned, set) = best_aligned(proposed, recorded)?;
+        let with = apart(proposed, &aligned.demonstrations, &set);
+        let fewer = without(proposed, &name);
+        let (aligned, fewer_set) = best_aligned(&fewer, recorded)?;
+        let without = apart(&fewer, &aligned.demonstrations, &fewer_set);
+        if (0..2).all(|block| without[block] <= with[block]) {
+            warnings.push(format!("the frame `{name}` is not used: {}", farther(with, without)));
+            *proposed = fewer;
+        }
+    }
+    Ok(())
+}
+
+fn without(skill: &Skill, name: &str) -> Skill {
+    let mut fewer = skill.clone();
+    fewer.other_frames.retain(|other| other != name);
+    fewer
+}
+
+fn farther(with: [f64; 2], without: [f64; 2]) -> String {
+    format!(
+        "in the map of the frames the demonstrations lie {:.1} mm and {:.1}° apart (rms) with it, and {:.1} mm and \
+         {:.1}° without it",
+        1e3 * with[0],
+        with[1].to_degrees(),
+        1e3 * without[0],
+        without[1].to_degrees()
+    )
+}
+
+/// Frames that the skill names and that make the demonstrations differ: a sentence each.
+pub(crate) fn harmful(skill: &Skill, aligned: &[Demonstration], set: &CanonicalSet) -> Vec<String> {
+    let with = apart(skill, aligned, set);
+    let warning = |name: &String| {
+        let fewer = without(skill, name);
+        let fewer_set = canonicalise(&fewer, aligned).ok()?;
+        let without = apart(&fewer, aligned, &fewer_set);
+        let is_less = |block: usize| without[block] <= HARMFUL_FRACTION * with[block];
+        (is_less(0) && is_less(1)).then(|| {
+            format!("the frame `{name}` does harm: {}; leave it out", farther(with, without))
+        })
+    };
+    skill.other_frames.iter().filter_map(warning).collect()
 }
 
 /// The frames beside start and goal that all demonstrations hold, and what is to be said of those that only

@@ -361,6 +361,9 @@ fn learn_mode(
     warnings.extend(alignment_warnings(skill, alignments, recorded));
     warnings.extend(uninformative_frames(skill, demonstrations));
     warnings.extend(left_out_frames(skill, demonstrations, set));
+    if matches!(skill.fit, FitSettings::Canonical(_)) {
+        warnings.extend(proposed_frames::harmful(skill, demonstrations, set));
+    }
     warnings.extend(fitted.agreement.warnings(skill, demonstrations));
     if let Some(paths) = paths(skill, demonstrations, set) {
         warnings.push(format!(

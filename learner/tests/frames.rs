@@ -482,7 +482,7 @@ fn frames_that_matter_are_proposed_and_the_model_is_that_of_the_list() {
         assert_eq!(proposal.origin(), "Auto: 1 of [\"box\", \"cup\"]");
         let [once, cup] = &proposal.warnings[..] else { panic!("{:?}", proposal.warnings) };
         for (text, parts) in [
-            (once, ["the frame `once` is not used", "`made_up_02.json`", "1 others"]),
+            (once, ["the frame `once` is not used", "`made_up_02.json`", "1 other)"]),
             (cup, ["the frame `cup` is not used", "as far apart", "agreement_fraction_max"]),
         ] {
             assert!(parts.iter().all(|part| text.contains(part)), "{text}");
@@ -493,6 +493,31 @@ fn frames_that_matter_are_proposed_and_the_model_is_that_of_the_list() {
             learned(&listed, &demonstrated).model
         );
     }
+}
+
+#[test]
+fn a_frame_that_stands_beside_the_goal_in_other_axes_is_not_proposed_and_named_it_is_warned_of() {
+    let mut auto = unexamined("pick.ron");
+    let mut demonstrated = arcs(auto.manifold);
+    for demonstration in &mut demonstrated {
+        let position = demonstration.goal_frame.position + DVec3::new(0.1, 0.05, 0.0);
+        let mark = Pose { position, orientation: DQuat::IDENTITY };
+        demonstration.other_frames.insert("mark".into(), mark);
+    }
+    let proposal = propose(&auto, &demonstrated).unwrap();
+    assert!(proposal.skill.other_frames.is_empty(), "{:?}", proposal.skill.other_frames);
+    assert!(
+        proposal.warnings[0].contains("the frame `mark` is not used"),
+        "{:?}",
+        proposal.warnings
+    );
+    auto.other_frames = vec!["mark".into()];
+    let warnings = learned(&auto, &demonstrated).warnings;
+    assert!(
+        warnings.iter().any(|w| w.contains("the frame `mark` does harm")
+            || w.contains("the frame `mark` is left out")),
+        "{warnings:?}"
+    );
 }
 
 #[test]

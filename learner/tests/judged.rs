@@ -4,6 +4,8 @@ mod common;
 
 use common::{arcs, skill, skill_file};
 use glam::{DQuat, DVec3};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use tprmp_learner::alignment::{align, consistency};
 use tprmp_learner::demonstration::{Demonstration, read_folder};
 use tprmp_learner::skill::Skill;
@@ -192,5 +194,37 @@ fn a_turn_without_a_motion_is_a_skill() {
     for row in &trained.model.fit.demonstrations {
         assert!(row.end_error_rad < 0.01 && row.path_rms_rad < 0.05, "{row:?}");
         assert!(row.end_error_m < 1e-4 && row.path_rms_m < 1e-3, "{row:?}");
+    }
+}
+
+#[test]
+fn noisy_rests_at_the_ends_are_no_pauses() {
+    let (skill, mut demonstrations) = pick();
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let (mut first_s, mut last_s) = (Vec::new(), Vec::new());
+    for d in &mut demonstrations {
+        for (rest_s, at_end) in [(&mut first_s, false), (&mut last_s, true)] {
+            let seconds = random.random_range(0.7..1.4);
+            rest_s.push(seconds);
+            let place = if at_end { d.poses.len() } else { 0 };
+            let pose = d.poses[place.min(d.poses.len() - 1)];
+            let rest = vec![pose; (seconds / d.sampling_time_s) as usize];
+            d.poses.splice(place..place, rest);
+        }
+        for pose in &mut d.poses {
+            // A sum of twelve is nearly normal: 1 mm.
+            let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+            pose.position += 1e-3 * DVec3::new(normal(), normal(), normal());
+        }
+    }
+    let trained = learn(&skill, &demonstrations, 1, &mut |_| {}).unwrap();
+    assert!(!trained.warnings.iter().any(|w| w.contains("pauses")), "{:?}", trained.warnings);
+    let aligned = align(&skill, &demonstrations).unwrap();
+    for (i, alignment) in aligned.alignments.iter().enumerate() {
+        let dt = demonstrations[i].sampling_time_s;
+        let (begins, ends) = (alignment.samples[0], alignment.samples[alignment.samples.len() - 1]);
+        assert!((begins * dt - first_s[i]).abs() < 0.35, "{i}: {begins}");
+        let rest_s = (demonstrations[i].poses.len() as f64 - ends) * dt;
+        assert!((rest_s - last_s[i]).abs() < 0.35, "{i}: {ends}");
     }
 }

@@ -161,7 +161,7 @@ impl Seen {
         let last = (0..count).rev().take_while(|i| rests(*i, i.checked_sub(1), end)).count();
         let (first, last) = (first.min(count - 1), count - 1 - last.min(count - 1));
         let long = last >= first + POINTS_MIN - 1;
-        let moving = if long { first..last + 1 } else { 0..count };
+        let mut moving = if long { first..last + 1 } else { 0..count };
         // Sampled steps tell when exactly it stops, smoothed speeds see through noise.
         let stands = |i: usize| i > 0 && i + 1 < count && steps[i - 1].max(steps[i]) < strict[1];
         let slow = runs(count, |i| moving.contains(&i) && (speeds[i] < rest_speed || stands(i)));
@@ -171,7 +171,24 @@ impl Seen {
             let inside = run.start > moving.start && run.end < moving.end;
             inside && (strictly || apart(begins, ends) < 2.0 * radius)
         };
-        let pauses = slow.into_iter().filter(still).collect();
+        let mut pauses: Vec<Range<usize>> = slow.into_iter().filter(still).collect();
+        // What noise has cut off from the rest at an end: soon after it, and in the same place.
+        while let Some(pause) = pauses.first().cloned()
+            && pause.start - moving.start <= window
+            && apart(place(pause.start), start) < 2.0 * radius
+            && moving.end - pause.end >= POINTS_MIN
+        {
+            moving.start = pause.end - 1;
+            pauses.remove(0);
+        }
+        while let Some(pause) = pauses.last().cloned()
+            && moving.end - pause.end <= window
+            && apart(place(pause.end - 1), end) < 2.0 * radius
+            && pause.start.saturating_sub(moving.start) >= POINTS_MIN
+        {
+            moving.end = pause.start + 1;
+            pauses.pop();
+        }
         Motion { sampling_time_s: dt, moving, pauses, speeds, noise_speed, scales }
     }
 

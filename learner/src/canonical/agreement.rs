@@ -102,12 +102,17 @@ pub fn best_aligned(
         return Ok(chosen);
     }
     let by_clock = of(AlignmentMethod::Clock)?;
-    let apart = |(aligned, set): &(Aligned, CanonicalSet)| -> f64 {
-        let map = Agreement::new(skill, &aligned.demonstrations, set).map;
-        let [metres, radians] = set.scales;
-        map.iter().map(|at| (at[0] * metres).powi(2) + (at[1] * radians).powi(2)).sum()
+    let apart = |(aligned, set): &(Aligned, CanonicalSet)| {
+        let apart = apart(skill, &aligned.demonstrations, set);
+        (apart[0] * set.scales[0]).hypot(apart[1] * set.scales[1])
     };
     Ok(if apart(&by_clock) < apart(&chosen) { by_clock } else { chosen })
+}
+
+/// How far aligned demonstrations lie apart in the map of all frames: root of the mean square [m, rad].
+pub(crate) fn apart(skill: &Skill, aligned: &[Demonstration], set: &CanonicalSet) -> [f64; 2] {
+    let map = Agreement::new(skill, aligned, set).map;
+    [0, 1].map(|b| (map.iter().map(|at| at[b] * at[b]).sum::<f64>() / map.len() as f64).sqrt())
 }
 
 fn percent(step: usize) -> f64 {

@@ -57,6 +57,7 @@ pub fn warnings(demonstrations: &[Demonstration]) -> Vec<String> {
 pub(crate) fn with_others(worst: &str, count: usize) -> String {
     match count {
         1 => format!("`{worst}`"),
+        2 => format!("`{worst}` (and 1 other)"),
         _ => format!("`{worst}` (and {} others)", count - 1),
     }
 }
