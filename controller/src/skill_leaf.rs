@@ -66,6 +66,10 @@ pub struct Choice {
     pub modes: usize,
     /// What following it looks like from where the arm is.
     pub prospect: Prospect,
+    /// Of all modes, how many the arm cannot follow, …
+    pub out_of_reach: usize,
+    /// … and how many others an obstacle is in the way of.
+    pub blocked: usize,
 }
 
 /// What following a mode from its nearest place to its end looks like.
@@ -192,14 +196,19 @@ impl SkillLeaf {
             beside: [0.0; 2],
             clearance_m: f64::INFINITY,
         };
-        let mut best = Choice { mode: 0, modes, prospect: none };
+        let mut best = Choice { mode: 0, modes, prospect: none, out_of_reach: 0, blocked: 0 };
         if modes > 1 {
             for (mode, policy) in self.modes.iter().enumerate() {
                 state.state.restart();
                 let state = &mut state.state;
                 let prospect = self.prospect(policy, posture, kinematics, places, state);
+                match (prospect.is_reachable(), prospect.is_free()) {
+                    (false, _) => best.out_of_reach += 1,
+                    (true, false) => best.blocked += 1,
+                    (true, true) => {}
+                }
                 if mode == 0 || prospect.is_better_than(&best.prospect) {
-                    best = Choice { mode, modes, prospect };
+                    (best.mode, best.prospect) = (mode, prospect);
                 }
             }
             state.state.restart();

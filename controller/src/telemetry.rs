@@ -140,6 +140,8 @@ struct SharedChoice {
     /// 1 where the arm can follow it, 2 where it is free, 3 for both.
     prospect: AtomicU32,
     distance_mm: AtomicU32,
+    out_of_reach: AtomicU32,
+    blocked: AtomicU32,
 }
 
 /// Which mode the task's skill is done in, and why.
@@ -155,6 +157,10 @@ pub struct ModeReport {
     pub free: bool,
     /// How far the tool was from its path \[mm\].
     pub distance_mm: u32,
+    /// Of all modes, how many the arm cannot follow, …
+    pub out_of_reach: u32,
+    /// … and how many others an obstacle is in the way of.
+    pub blocked: u32,
 }
 
 impl std::fmt::Display for ModeReport {
@@ -165,7 +171,14 @@ impl std::fmt::Display for ModeReport {
             (true, true) => ", which the arm can follow and which is free",
             (true, false) => ", which the arm can follow; an obstacle is in the way of each mode",
             (false, _) => "; the arm can follow none of them to its end",
-        })
+        })?;
+        match (self.reachable, self.free, self.out_of_reach, self.blocked) {
+            (false, ..) | (_, _, 0, 0) | (_, false, 0, _) => Ok(()),
+            (_, true, beyond, blocked) if blocked > 0 => {
+                write!(f, " ({beyond} out of reach, {blocked} with an obstacle in the way)")
+            }
+            (_, _, beyond, _) => write!(f, " ({beyond} out of reach)"),
+        }
     }
 }
 
@@ -178,12 +191,12 @@ impl SharedStatus {
 
     /// Stores in which mode the task's skill is done. No lock, no allocation.
     pub fn write_choice(&self, choice: Option<&Choice>) {
-        let Some(Choice { mode, modes, prospect }) = choice.filter(|choice| choice.modes > 1)
-        else {
-            return;
-        };
-        let SharedChoice { mode: number, modes: count, prospect: verdict, distance_mm } =
+        let Some(choice) = choice.filter(|choice| choice.modes > 1) else { return };
+        let Choice { mode, modes, prospect, out_of_reach, blocked } = choice;
+        let SharedChoice { mode: number, modes: count, prospect: verdict, distance_mm, .. } =
             &self.choice;
+        self.choice.out_of_reach.store(*out_of_reach as u32, Ordering::Relaxed);
+        self.choice.blocked.store(*blocked as u32, Ordering::Relaxed);
         let bits = u32::from(prospect.is_reachable()) + 2 * u32::from(prospect.is_free());
         distance_mm.store((1e3 * prospect.distance_m) as u32, Ordering::Relaxed);
         verdict.store(bits, Ordering::Relaxed);
@@ -194,7 +207,8 @@ impl SharedStatus {
     /// In which mode the task's skill is done; `None` where it has one only, and before it was decided.
     #[must_use]
     pub fn mode(&self) -> Option<ModeReport> {
-        let SharedChoice { mode, modes, prospect, distance_mm } = &self.choice;
+        let SharedChoice { mode, modes, prospect, distance_mm, out_of_reach, blocked } =
+            &self.choice;
         let mode = mode.load(Ordering::Acquire);
         let bits = prospect.load(Ordering::Relaxed);
         (mode > 0).then(|| ModeReport {
@@ -203,6 +217,8 @@ impl SharedStatus {
             reachable: bits & 1 != 0,
             free: bits & 2 != 0,
             distance_mm: distance_mm.load(Ordering::Relaxed),
+            out_of_reach: out_of_reach.load(Ordering::Relaxed),
+            blocked: blocked.load(Ordering::Relaxed),
         })
     }
 

@@ -106,6 +106,7 @@ fn a_mode_that_is_free_is_taken_before_one_that_is_near() {
     for blocked in [0, 1] {
         let obstacle = ball(place(&modes[blocked], 0.5));
         let decided = choice(&policy, &mut policy.workspace(), &start, &frames(), &[obstacle]);
+        assert_eq!((decided.out_of_reach, decided.blocked), (0, 1), "{decided:?}");
         assert_eq!(decided.mode, 1 - blocked);
         assert!(decided.prospect.is_free() && decided.prospect.clearance_m > 0.05);
     }

@@ -52,6 +52,9 @@ fn describe_model(path: &Path, model: &SkillModel) {
         let text = format!("{} ways of doing it, decided on when it starts", modes.len());
         line("ok", "modes", &text);
     }
+    for event in &model.gripper {
+        line("ok", "gripper", &event.described(model.provenance.demonstrations.len()));
+    }
     match model.failures().first() {
         None if model.motion.is_discrete() => {
             line("ok", "certificate", "holds; metric, valley and goal were looked at again");

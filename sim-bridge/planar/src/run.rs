@@ -60,6 +60,10 @@ pub(crate) struct Options {
 pub(crate) fn run(scene: &Scene, options: &Options) -> Result<Outcome, SimError> {
     let world = World::new(scene, options.seed, options.push)?;
     let mut run = Run::new(scene, options, world)?;
+    // Before any file is touched: an instance that cannot be is no reason to replace another run's.
+    let instance = Instance::new(&options.instance)?;
+    let ports = instance.open_state_publisher()?;
+    let stop = stop_flag().map_err(SimError::Signals)?;
     // Before anything moves: a run that cannot be written down would be lost.
     if let Some(path) = &options.record_commands {
         if let Some(folder) = path.parent() {
@@ -68,9 +72,6 @@ pub(crate) fn run(scene: &Scene, options: &Options) -> Result<Outcome, SimError>
         try_out(path, options.existing)?;
     }
     run.save(scene, options, Outcome::Interrupted, options.existing)?;
-    let instance = Instance::new(&options.instance)?;
-    let ports = instance.open_state_publisher()?;
-    let stop = stop_flag().map_err(SimError::Signals)?;
     errln!(
         "planar-sim: seed {}, instance `{}`: publishing at {} Hz, waiting for a controller",
         options.seed,
