@@ -360,7 +360,10 @@ impl<const N: usize> Cycle<N> {
             .evaluate(q, qd, &self.task.task(), &parameters, &mut self.workspace)
             .map_err(|_| Reason::ResolveFailed)?;
         let chain = self.policy.chain();
-        let setpoint = self.motion.follow(chain, state, &decision.acceleration, dt)?;
+        let setpoint = {
+            let closing_1_s = decision.proximity.closing_1_s;
+            self.motion.follow(chain, state, &decision.acceleration, closing_1_s, dt)?
+        };
         self.workspace.advance(&setpoint.asked, dt);
         self.shared.status.write_choice(self.workspace.choice().as_ref());
         self.outbox.set(&setpoint);
@@ -446,8 +449,9 @@ impl<const N: usize> Cycle<N> {
         let Self { policy, workspace, motion, inbox, .. } = self;
         let parameters = TaskParameters { external: None, ..parameters(inbox, dt) };
         let at = (&state.position, &state.velocity);
-        let wanted = policy.retreat(retreat, at, &parameters, workspace).ok()??;
-        motion.retreat(policy.chain(), &state, &wanted, dt)
+        let resolved = policy.retreat(retreat, at, &parameters, workspace).ok()??;
+        let closing_1_s = resolved.proximity.closing_1_s;
+        motion.retreat(policy.chain(), &state, &resolved.acceleration, closing_1_s, dt)
     }
 
     /// Whether a stop was asked for and the arm rests, or the longest time for it has passed.

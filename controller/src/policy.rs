@@ -329,6 +329,7 @@ impl<const N: usize> RobotPolicy<N> {
                     .proximity
                     .clearance_min_m
                     .min(resolved.self_clearance_min_m),
+                closing_1_s: resolved.proximity.closing_1_s,
             },
         })
     }
@@ -361,13 +362,12 @@ impl<const N: usize> RobotPolicy<N> {
         (q, qd): (&SVector<f64, N>, &SVector<f64, N>),
         parameters: &TaskParameters<'_>,
         workspace: &mut Workspace<N>,
-    ) -> Result<Option<SVector<f64, N>>, ResolveError> {
+    ) -> Result<Option<Resolved<N>>, ResolveError> {
         let Some(tree) = &self.retreats[retreat as usize] else { return Ok(None) };
         forward_kinematics_with_velocity(&self.arm.chain, q, qd, &mut workspace.kinematics);
         let tool = workspace.kinematics.tool_pose();
         let task = leaves::Task { natural: Natural::zero(), energy: 0.0 };
-        let resolved = self.resolve(tree, task, &tool, (q, qd), parameters, workspace)?;
-        Ok(Some(resolved.acceleration))
+        self.resolve(tree, task, &tool, (q, qd), parameters, workspace).map(Some)
     }
 
     /// Adds the leaves beside the task, and resolves.

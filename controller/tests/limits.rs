@@ -236,7 +236,10 @@ proptest! {
                     .evaluate(q, qd, &Task::Skill, &parameters, &mut workspace)
                     .map_err(|_| Reason::ResolveFailed)
                     .and_then(|decision| {
-                        motion.follow(chain, &state, &decision.acceleration, dt)
+                        {
+                            let closing_1_s = decision.proximity.closing_1_s;
+                            motion.follow(chain, &state, &decision.acceleration, closing_1_s, dt)
+                        }
                     })
             });
             let brake = |motion: &mut MotionGenerator<N>| motion.brake(chain, measured.ok(), dt);
@@ -246,6 +249,36 @@ proptest! {
                 q = setpoint.motion.position;
             }
         }
+    }
+
+    /// A point an arm's length from the axis is driven at a wall as hard as the joint can.
+    #[test]
+    fn a_clearance_is_not_used_up_at_speed(
+        room_m in 0.01..0.5_f64, joint in 0..N, arm_m in 0.1..1.0_f64, dt in 1e-3..4e-3_f64,
+    ) {
+        let (config, chain) = shipped();
+        let limits = JointLimits::new(&chain, &config.robot);
+        let mut motion = MotionGenerator::new(limits, &config);
+        let mut state = JointState { position: Joints::zeros(), velocity: Joints::zeros() };
+        state.position = (limits.position_lower + limits.position_upper) * 0.5;
+        let begin = state.position[joint];
+        let mut wanted = Joints::zeros();
+        wanted[joint] = limits.acceleration_max[joint];
+        let mut fastest: f64 = 0.0;
+        for _ in 0..(6.0 / dt) as usize {
+            let clearance_m = room_m - arm_m * (state.position[joint] - begin);
+            let speed_m_s = arm_m * state.velocity[joint];
+            fastest = fastest.max(speed_m_s);
+            // What is left of it where the wall is: the speed that is stopped from within a millimetre.
+            prop_assert!(clearance_m > 0.0 || speed_m_s < 0.15, "{speed_m_s} m/s");
+            if clearance_m <= 0.0 {
+                break;
+            }
+            let closing_1_s = speed_m_s / clearance_m.max(1e-3);
+            let setpoint = motion.follow(&chain, &state, &wanted, closing_1_s, dt).unwrap();
+            (state.position, state.velocity) = (setpoint.motion.position, setpoint.motion.velocity);
+        }
+        prop_assert!(fastest > 0.0);
     }
 
     #[test]
@@ -272,7 +305,7 @@ proptest! {
             };
             let setpoint = match event {
                 Event::Follow(wanted) => {
-                    let setpoint = motion.follow(&chain, &state, wanted, dt);
+                    let setpoint = motion.follow(&chain, &state, wanted, 10.0 * q[0].abs(), dt);
                     let finite = wanted.iter().all(|a| a.is_finite());
                     prop_assert_eq!(setpoint.is_ok(), finite);
                     let brake = |_| motion.brake(&chain, Some(state), dt).map(|(setpoint, _)| setpoint);
@@ -310,7 +343,7 @@ proptest! {
         let state = JointState { position, velocity };
         // Pushed up to speed.
         for _ in 0..200 {
-            prop_assert!(motion.follow(&chain, &state, &Joints::zeros(), dt).is_ok());
+            prop_assert!(motion.follow(&chain, &state, &Joints::zeros(), 0.0, dt).is_ok());
         }
         let deceleration = config.stop.deceleration_fraction * limits.acceleration_max.min();
         let turned_s = limits.acceleration_max.component_div(&limits.jerk_max).max();

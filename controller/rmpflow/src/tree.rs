@@ -93,10 +93,10 @@ impl<const N: usize> Tree<N> {
         if let Some(posture) = &self.posture {
             root.add(&posture.evaluate(q, qd));
         }
-        let self_clearance_min_m = self
+        let own = self
             .self_collision
             .as_ref()
-            .map_or(f64::INFINITY, |leaf| leaf.add(tick.body, &mut root));
+            .map_or(Proximity::NONE, |leaf| leaf.add(tick.body, &mut root));
         let factor = root.factor()?;
         let free = Free { acceleration: root.resolve_with(&factor)?, factor };
         let conditioning = factor.pivot_ratio();
@@ -116,6 +116,8 @@ impl<const N: usize> Tree<N> {
             state.added += change;
             acceleration = free.acceleration + state.added;
         }
+        proximity.closing_1_s = proximity.closing_1_s.max(own.closing_1_s);
+        let self_clearance_min_m = own.clearance_min_m;
         Ok(Resolved { acceleration, proximity, self_clearance_min_m, conditioning })
     }
 }

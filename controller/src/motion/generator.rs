@@ -21,6 +21,9 @@ const NEAR_S: f64 = 0.02;
 const NEAR_REST: f64 = 1e-9;
 /// … and as fast, up to this fraction of the largest speed.
 const NEAR_SPEED: f64 = 0.1;
+/// From where braking would use up this fraction of a clearance on the arm brakes, and wholly where it would use up
+/// all of it.
+const BRAKES_FROM: f64 = 0.6;
 
 /// What a command asks of the joints: finite, within the limits, and a continuation of the last one.
 #[derive(Debug, Clone, Copy)]
@@ -145,7 +148,9 @@ impl<const N: usize> MotionGenerator<N> {
         }
     }
 
-    /// Follows the policy's acceleration `wanted` over `dt` \[s\]; after a start or a stop faded in.
+    /// Follows the policy's acceleration `wanted` over `dt` \[s\]; after a start or a stop faded in. The faster the
+    /// arm closes clearances, `closing_1_s` \[1/s\], the more it brakes instead: it could stop before any of them is
+    /// used up.
     ///
     /// # Errors
     /// When it is not finite. The caller brakes.
@@ -154,6 +159,7 @@ impl<const N: usize> MotionGenerator<N> {
         chain: &Chain<N>,
         state: &JointState<N>,
         wanted: &SVector<f64, N>,
+        closing_1_s: f64,
         dt: f64,
     ) -> Result<Setpoint<N>, Reason> {
         if !wanted.iter().all(|a| a.is_finite()) {
@@ -163,9 +169,12 @@ impl<const N: usize> MotionGenerator<N> {
             self.fade_s = 0.0;
         }
         let mut motion = self.reference(state);
-        let fade = (self.fade_s / self.stop.fade_in_s).min(1.0);
+        let fraction = self.stop.deceleration_fraction;
+        let used = closing_1_s * motion.braking_length_s(&self.limits, fraction);
+        let room = (1.0 - used) / (1.0 - BRAKES_FROM);
+        let fade = (self.fade_s / self.stop.fade_in_s).min(1.0).min(room.clamp(0.0, 1.0));
         self.fade_s += dt;
-        let brake = motion.braking(&self.limits, self.stop.deceleration_fraction, dt);
+        let brake = motion.braking(&self.limits, fraction, dt);
         let faded = self.limits.scaled(&(wanted * fade + brake * (1.0 - fade)));
         // What the limits leave of the yielding is no acceleration that the arm is asked for.
         let mut unyielding = motion;
@@ -244,10 +253,11 @@ impl<const N: usize> MotionGenerator<N> {
         chain: &Chain<N>,
         state: &JointState<N>,
         wanted: &SVector<f64, N>,
+        closing_1_s: f64,
         dt: f64,
     ) -> Option<Setpoint<N>> {
         self.holding = self.moved_by != Some(MovedBy::Retreat);
-        let setpoint = self.follow(chain, state, wanted, dt).ok();
+        let setpoint = self.follow(chain, state, wanted, closing_1_s, dt).ok();
         self.holding = true;
         self.moved_by = setpoint.as_ref().map(|_| MovedBy::Retreat);
         setpoint

@@ -81,6 +81,17 @@ impl<const N: usize> JointMotion<N> {
         self.velocity * -rate
     }
 
+    /// The length of braking as [`JointMotion::braking`] does it, along the path of any point of the arm, for each
+    /// m/s of its speed \[s\]: half of the time for it, in which the deceleration also grows and is taken back.
+    #[must_use]
+    pub fn braking_length_s(&self, limits: &JointLimits<N>, fraction: f64) -> f64 {
+        let time_s = |i: usize| {
+            let most = limits.acceleration_max[i] * fraction;
+            self.velocity[i].abs() / most + most / limits.jerk_max[i]
+        };
+        0.5 * (0..N).map(time_s).fold(0.0, f64::max)
+    }
+
     /// Whether it is at rest.
     #[must_use]
     pub fn rests(&self) -> bool {

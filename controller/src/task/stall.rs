@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn an_arm_that_stands_still_short_of_its_goal_is_blocked_or_out_of_reach() {
-        let free = Proximity { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
+        let free = Proximity::NONE;
         let against = Proximity { obstructed_fraction: 0.5, ..free };
         let close = Proximity { clearance_min_m: 0.001, ..free };
         let after = |life_cycle, speed, proximity: &Proximity| {
@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn an_arm_that_creeps_along_an_obstacle_is_blocked_until_it_makes_progress() {
-        let free = Proximity { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
+        let free = Proximity::NONE;
         let against = Proximity { obstructed_fraction: 0.5, ..free };
         let after = |seconds: usize, fraction: f64, proximity: &Proximity| {
             let mut detector = StallDetector::default();
@@ -190,7 +190,7 @@ mod tests {
 
     #[test]
     fn an_arm_that_goes_round_is_stalled_when_it_goes_on_no_more() {
-        let free = Proximity { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
+        let free = Proximity::NONE;
         let close = Proximity { clearance_min_m: 0.001, ..free };
         let after = |period_s: f64, proximity: &Proximity| {
             let mut detector = StallDetector::default();
@@ -219,7 +219,7 @@ mod tests {
 
     #[test]
     fn an_externally_commanded_arm_is_blocked_by_obstacles_only() {
-        let free = Proximity { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
+        let free = Proximity::NONE;
         let against = Proximity { obstructed_fraction: 0.5, ..free };
         let mut detector = StallDetector::default();
         let mut advance = |proximity, speed, commanded| {
@@ -242,7 +242,7 @@ mod tests {
 
     #[test]
     fn an_arm_that_drifts_while_its_goal_rests_is_reported_as_out_of_reach() {
-        let free = Proximity { obstructed_fraction: 0.0, clearance_min_m: f64::INFINITY };
+        let free = Proximity::NONE;
         let after = |goal_speed_m_s: f64, energy: f64, seconds: usize| {
             let mut detector = StallDetector::default();
             let mut progress =

@@ -30,11 +30,14 @@ pub struct Proximity {
     pub clearance_min_m: f64,
     /// Largest fraction of the desired velocity that is obstructed, β p/|u|: 0 to 1.
     pub obstructed_fraction: f64,
+    /// How fast the body itself closes clearances: the largest −nᵀẋ/d of a point; 0 where it closes none \[1/s\].
+    pub closing_1_s: f64,
 }
 
 impl Proximity {
     /// Where there is nothing.
-    pub const NONE: Self = Self { clearance_min_m: f64::INFINITY, obstructed_fraction: 0.0 };
+    pub const NONE: Self =
+        Self { clearance_min_m: f64::INFINITY, obstructed_fraction: 0.0, closing_1_s: 0.0 };
 }
 
 /// A point within the reach of the avoidance.
@@ -63,6 +66,7 @@ impl Avoidance {
         let reach = range.max(self.leaf.activation_distance);
         let mut nearest = f64::INFINITY;
         let mut obstruction = Obstruction::default();
+        let mut closing_1_s: f64 = 0.0;
         for (index, obstacle) in obstacles.iter().enumerate() {
             let mut detour = self.steering.as_ref().map(|steering| Detour {
                 steering,
@@ -85,6 +89,8 @@ impl Avoidance {
                         continue;
                     };
                     let NearPoint { motion, clearance, within } = &near;
+                    let own_rate = clearance.normal.dot(motion.velocity);
+                    closing_1_s = closing_1_s.max(clearance.closing_1_s(own_rate));
                     self.leaf.within(*within).add(clearance, motion, root);
                     if let Some(detour) = &mut detour
                         && clearance.distance < range
@@ -100,7 +106,8 @@ impl Avoidance {
             }
         }
         state.finish(obstacles.len(), &obstruction, tick.dt_s);
-        Proximity { clearance_min_m: nearest, obstructed_fraction: obstruction.fraction_max }
+        let obstructed_fraction = obstruction.fraction_max;
+        Proximity { clearance_min_m: nearest, obstructed_fraction, closing_1_s }
     }
 
     /// Point `i` of a body, if it is near an obstacle; `nearest` becomes its distance, if that is less.

@@ -20,6 +20,15 @@ pub struct Clearance {
     pub curvature: f64,
 }
 
+impl Clearance {
+    /// How fast it closes where it changes at `rate` \[m/s\]: −ḋ/d \[1/s\]. No clearance counts as less than a
+    /// millimetre: slowly a body may move where there is none.
+    #[must_use]
+    pub fn closing_1_s(&self, rate: f64) -> f64 {
+        -rate / self.distance.max(1e-3)
+    }
+}
+
 /// Keeps a distance d, of unit u \[m or rad\], from becoming zero: the clearance of a point from an
 /// obstacle, or the distance of a joint from its limit.
 ///

@@ -3,6 +3,7 @@
 use glam::DVec3;
 use tprmp_spatial::PointMotion;
 
+use crate::leaves::avoidance::Proximity;
 use crate::leaves::barrier::{Barrier, Clearance};
 use crate::leaves::body::Body;
 use crate::natural::Natural;
@@ -19,10 +20,9 @@ pub struct SelfCollision {
 }
 
 impl SelfCollision {
-    /// Adds the leaves of all close pairs; returns the least clearance among them, margin taken off,
-    /// infinite where no pair is close \[m\].
-    pub fn add<const N: usize>(&self, body: &impl Body<N>, root: &mut Natural<N>) -> f64 {
-        let mut least = f64::INFINITY;
+    /// Adds the leaves of all close pairs; returns how near they are.
+    pub fn add<const N: usize>(&self, body: &impl Body<N>, root: &mut Natural<N>) -> Proximity {
+        let mut proximity = Proximity::NONE;
         for &(a, b) in &self.pairs {
             let (one, other) = (body.part(a), body.part(b));
             if self.is_far(one.position - other.position, one.radius + other.radius) {
@@ -34,11 +34,15 @@ impl SelfCollision {
                     continue;
                 }
                 for j in other.points.clone() {
-                    least = least.min(self.add_pair(body, i, j, root));
+                    if let Some(clearance) = self.add_pair(body, i, j, root) {
+                        let Proximity { clearance_min_m, closing_1_s, .. } = &mut proximity;
+                        *clearance_min_m = clearance_min_m.min(clearance.distance);
+                        *closing_1_s = closing_1_s.max(clearance.closing_1_s(clearance.rate));
+                    }
                 }
             }
         }
-        least
+        proximity
     }
 
     /// Whether balls whose centres are `apart` lie out of the leaf's reach.
@@ -47,17 +51,17 @@ impl SelfCollision {
         apart.length_squared() >= reach * reach
     }
 
-    /// Adds the leaf of a pair of points; returns its clearance, infinite when it is not close.
+    /// Adds the leaf of a pair of points; returns its clearance when it is close.
     fn add_pair<const N: usize>(
         &self,
         body: &impl Body<N>,
         i: usize,
         j: usize,
         root: &mut Natural<N>,
-    ) -> f64 {
+    ) -> Option<Clearance> {
         let ((a, radius_a), (b, radius_b)) = (body.ball(i), body.ball(j));
         if self.is_far(a - b, radius_a + radius_b) {
-            return f64::INFINITY;
+            return None;
         }
         let (one, other) = (body.motion(i), body.motion(j));
         let length = (a - b).length().max(1e-9);
@@ -76,6 +80,6 @@ impl SelfCollision {
             curvature: (relative.velocity.length_squared() - rate * rate) / length,
         };
         self.leaf.add(&clearance, &relative, root);
-        clearance.distance
+        Some(clearance)
     }
 }
