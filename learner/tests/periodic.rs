@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::rounds::{PERIOD_S, Shape, all, periodic, recorded, stirring, wiping};
+use common::rounds::{PERIOD_S, Shape, all, clean, periodic, recorded, stirring, wiping};
 use common::{Folder, arcs, skill, skill_text};
 use glam::{DQuat, DVec3};
 use tprmp_learner::certify::policy::{Body, LearnedPolicy, MotionPolicy};
@@ -282,5 +282,40 @@ fn what_a_periodic_skill_cannot_have_is_refused_in_its_file() {
     for count in [2, 60] {
         let error = skill.clone().with_components(count).unwrap_err();
         assert!(error.contains("copies in the rounds before and after"), "{error}");
+    }
+}
+
+#[test]
+fn explore_many() {
+    for n in [2.0, 60.0, 130.0, 190.0, 600.0] {
+        let t = std::time::Instant::now();
+        let d = clean(0, |at| wiping(at).position, n, 3.0);
+        match learn(&periodic(skill("planar.ron")), &[d], 1) {
+            Ok(l) => { let c = l.model.certificate.cycle.as_ref().unwrap();
+              println!("{n}: {:?} period {:.3} dem {:.3} rounds {:?} beside {:.4} {:?} {:?}", l.times, c.period_s, c.demonstrated_period_s, c.rounds, c.beside_max_m, t.elapsed(), l.warnings); }
+            Err(e) => println!("{n}: {e}"),
+        }
+    }
+}
+
+#[test]
+fn explore_fast() {
+    let eight = |at: f64| { let (sin, cos) = (std::f64::consts::TAU * at).sin_cos(); DVec3::new(cos, sin * cos, 0.0) };
+    let circle = |at: f64| { let (sin, cos) = (std::f64::consts::TAU * at).sin_cos(); DVec3::new(cos, sin, 0.0) };
+    let damping: f64 = std::env::var("D").map_or(8.0, |d| d.parse().unwrap());
+    for (name, shape) in [("circle", &circle as &dyn Fn(f64) -> DVec3), ("eight", &eight)] {
+      for size in [0.025, 0.05, 0.1] { for period in [0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0] {
+        let d: Vec<_> = [8.0, 5.3].iter().enumerate().map(|(i, n)| clean(i, |at| shape(at) * size, *n, period)).collect();
+        let mut s = periodic(skill("planar.ron"));
+        let tprmp_learner::skill::FitSettings::Canonical(fit) = &mut s.fit else { panic!() };
+        let r = damping / fit.damping_1_s;
+        fit.damping_1_s *= r; fit.stiffness_min_1_s2 *= r * r; fit.stiffness_max_1_s2 *= r * r; fit.descent_speed *= r; fit.tube_attraction_1_s *= r;
+        match learn(&s, &d, 1) {
+            Ok(l) => { let c = l.model.certificate.cycle.as_ref().unwrap();
+              let row = &l.model.fit.demonstrations[0];
+              println!("{name} {size} {period}: period {:.3} dem {:.3} rounds {:?} path {:.2} % of {:.3}; mean {:.2} % {:?} {:?}", c.period_s, c.demonstrated_period_s, c.rounds, row.path_rms_m / size / 2.0 * 100.0, 2.0*size, c.beside_rms_m / size / 2.0 * 100.0, l.model.certificate.failures, l.warnings); }
+            Err(e) => println!("{name} {size} {period}: {e}"),
+        }
+      }}
     }
 }

@@ -13,8 +13,10 @@
 
 mod certificate;
 mod fit;
+mod laps;
 mod recurrence;
 mod rounds;
+mod smoothing;
 mod trace;
 mod tracking;
 
