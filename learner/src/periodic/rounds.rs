@@ -24,6 +24,9 @@ const SAMPLES: [f64; 2] = [120.0, 300.0];
 /// … and about the most of all, so that a fit of many takes seconds.
 const SAMPLES_IN_ALL: f64 = 6000.0;
 
+/// Of all complete rounds so many are fitted, evenly spread over each demonstration, and one of each at least.
+const FITTED: usize = 50;
+
 /// A round in canonical coordinates, which are those of the frame; the rotation vector is that from the mean
 /// orientation. It is closed: its end is its beginning.
 pub(super) struct Round {
@@ -41,7 +44,7 @@ pub(super) struct Round {
 
 /// All rounds of all demonstrations, at the same phases.
 pub(super) struct Rounds {
-    /// At least two.
+    /// Those that are fitted; at least two.
     pub all: Vec<Round>,
     /// How many each demonstration has; at least one.
     pub counts: Vec<u32>,
@@ -75,6 +78,7 @@ impl Rounds {
             .map(|i| laps.iter().filter(|lap| lap.recording == i).count() as u32)
             .collect();
         let common = CommonRound::new(skill, demonstrations, &laps);
+        let laps = spread(laps, &counts);
         let per_sample = |lap: &Lap| &demonstrations[lap.recording];
         let shortest =
             laps.iter().map(|lap| per_sample(lap).sampling_time_s).fold(f64::MAX, f64::min);
@@ -135,6 +139,19 @@ impl Rounds {
         };
         self.mean[0].iter().zip(&self.mean[1]).map(pose).collect()
     }
+}
+
+/// The rounds that are fitted, of all.
+fn spread(laps: Vec<Lap>, counts: &[u32]) -> Vec<Lap> {
+    let most = (FITTED / counts.len()).max(1);
+    let (mut kept, mut all) = (Vec::new(), laps.into_iter());
+    for count in counts.iter().map(|count| *count as usize) {
+        let fitted = count.min(most);
+        let begins = |i: usize| (i + 1) * fitted / count > i * fitted / count;
+        let own = all.by_ref().take(count).enumerate();
+        kept.extend(own.filter(|(i, _)| begins(*i)).map(|(_, lap)| lap));
+    }
+    kept
 }
 
 fn duration_s(lap: &Lap, demonstration: &Demonstration) -> f64 {
