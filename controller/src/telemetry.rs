@@ -6,9 +6,9 @@ use hdrhistogram::Histogram;
 use serde_json::{Value, json};
 use tprmp_messages::{LifeCycle, Reason};
 
-use crate::task::rounds::RoundsReport;
 use crate::peers::Connections;
 use crate::skill_leaf::Choice;
+use crate::task::rounds::RoundsReport;
 use crate::timing::realtime::PageFaults;
 
 /// Longest time the histograms resolve \[ns\].

@@ -139,11 +139,9 @@ pub(super) fn in_slow_motion(settings: &FieldSettings, period_s: f64) -> (FieldS
     ] {
         *rate *= faster;
     }
-    for stiffness in [
-        &mut own.stiffness_min_1_s2,
-        &mut own.stiffness_max_1_s2,
-        &mut own.goal_hessian_min_1_s2,
-    ] {
+    for stiffness in
+        [&mut own.stiffness_min_1_s2, &mut own.stiffness_max_1_s2, &mut own.goal_hessian_min_1_s2]
+    {
         *stiffness *= faster * faster;
     }
     (own, faster)

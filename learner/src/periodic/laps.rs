@@ -152,17 +152,18 @@ impl Recordings<'_> {
     /// Why a recording has no complete round.
     fn without_round(&self, i: usize, round: &[Feature], length: f64) -> String {
         let trace = &self.traces[i];
-        let middle = |features: &[Feature]| features.iter().sum::<Feature>() / features.len() as f64;
+        let middle =
+            |features: &[Feature]| features.iter().sum::<Feature>() / features.len() as f64;
         let own = Recurrence::of(trace).or_else(|| Recurrence::closed_once(trace));
         let own = own.map_or_else(|| trace.middle(), |own| middle(&own.round));
         // Where the tool is, not how it is rotated.
-        let place = |feature: Feature| Feature::from_fn(|i, _| if i < 3 { feature[i] } else { 0.0 });
+        let place =
+            |feature: Feature| Feature::from_fn(|i, _| if i < 3 { feature[i] } else { 0.0 });
         let mut beside = place(own - middle(round));
         for _ in 0..REFINED {
             let track = Track::new(&trace.moved(&-beside), round, length, None);
-            let (sum, count) = track
-                .steps()
-                .fold((Feature::zeros(), 0.0), |(sum, count), (at, feature)| {
+            let (sum, count) =
+                track.steps().fold((Feature::zeros(), 0.0), |(sum, count), (at, feature)| {
                     (sum + feature - round[at], count + 1.0)
                 });
             if count > 0.0 {

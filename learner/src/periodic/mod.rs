@@ -45,6 +45,9 @@ const PATH_FRACTION_MAX: f64 = 0.03;
 /// … and one by another period than this fraction.
 const PERIOD_FRACTION_MAX: f64 = 0.1;
 
+/// What is learned slower than this is told.
+const SLOW_MOTION: f64 = 1.05;
+
 /// Why there is no model.
 #[derive(Debug, thiserror::Error)]
 pub enum PeriodicError {
@@ -114,14 +117,16 @@ pub fn learn(
     done(3);
     (model.fit.demonstrations, model.certificate) = (rows, certificate);
     let mut warnings = plausibility::warnings(demonstrations);
-    if faster > 1.0 {
+    if faster > SLOW_MOTION {
         warnings.push(format!(
             "a round lasts {:.2} s, too fast for key `fit.damping_1_s`, {}: it is learned in slow motion, {faster:.1} \
-             times slower, so that the model's damping is {:.1} and its stiffness {:.0} times the skill file's",
+             times slower, so that the model's damping is {:.1} 1/s and its stiffness {:.0} times the skill file's; the robot has to accelerate \
+             the tool by up to {:.1} m/s²",
             rounds.period_s,
             settings.damping_1_s / faster,
             settings.damping_1_s,
-            faster * faster
+            faster * faster,
+            rounds.acceleration_max_m_s2()
         ));
     }
     warnings.extend(self::warnings(skill, demonstrations, &rounds, &model));

@@ -114,11 +114,7 @@ impl Pairs {
     }
 
     /// What is a lag apart.
-    fn of<'a>(
-        &'a self,
-        trace: &'a Trace,
-        lag: f64,
-    ) -> impl Iterator<Item = Feature> + 'a {
+    fn of<'a>(&'a self, trace: &'a Trace, lag: f64) -> impl Iterator<Item = Feature> + 'a {
         let room = trace.length() - lag;
         self.0.iter().map(move |at| trace.at(at * room + lag) - trace.at(at * room))
     }

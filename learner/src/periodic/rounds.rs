@@ -131,6 +131,12 @@ impl Rounds {
         FrameMap::new(&[anchor], self.centre, true).expect("there is one frame")
     }
 
+    /// Largest acceleration of the rounds [m/s²].
+    pub(super) fn acceleration_max_m_s2(&self) -> f64 {
+        let all = self.all.iter().flat_map(|round| &round.position.accelerations);
+        all.map(|a| a.length()).fold(0.0, f64::max)
+    }
+
     /// The mean round as poses seen from the frame.
     pub(super) fn mean_poses(&self) -> Vec<Pose> {
         let pose = |(position, rotation): (&DVec3, &DVec3)| Pose {

@@ -213,8 +213,9 @@ fn table(result: &RunResult) -> Vec<(String, String)> {
     ]);
     let millimetres = |mm: Option<f64>| mm.map_or("—".to_owned(), |mm| format!("{mm:.2} mm"));
     match result.rounds {
-        None => table
-            .push(("distance from the moving goal", millimetres(result.position_error_mm))),
+        None => {
+            table.push(("distance from the moving goal", millimetres(result.position_error_mm)))
+        }
         Some(Rounds { done, period_s, beside_max_mm }) => table.extend([
             ("rounds done", done.to_string()),
             ("period of the last one", period_s.map_or("—".into(), |s| format!("{s:.2} s"))),

@@ -380,6 +380,15 @@ impl SkillModel {
                 )
             })?;
         }
+        let rolled_out = self.fit.demonstrations.first();
+        let same = rolled_out.is_none_or(|first| first.execution_s == cycle.period_s);
+        require(same, "certificate.cycle.period_s", || {
+            format!(
+                "expected `fit.demonstrations[0].execution_s`, found {}: one was edited, train the \
+                 skill again",
+                cycle.period_s
+            )
+        })?;
         if !self.certificate.holds() {
             return Ok(());
         }
