@@ -360,7 +360,7 @@ fn rounds_that_drift_and_files_beside_the_others_are_named_with_how_far() {
         rest.split_whitespace().next().unwrap().parse().unwrap()
     };
     let still = |i, rounds| wiped(i, DVec3::ZERO, DVec3::ZERO, rounds);
-    for drift_mm in [8.0, 15.0, 30.0] {
+    for drift_mm in [10.0, 15.0, 30.0] {
         let drift = DVec3::new(1e-3 * drift_mm, 0.0, 0.0);
         let drifts = wiped(1, DVec3::ZERO, drift, 6.0);
         for all in [vec![still(0, 4.0), drifts.clone(), still(2, 4.0)], vec![drifts.clone()]] {
