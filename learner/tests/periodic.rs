@@ -364,7 +364,7 @@ fn rounds_that_drift_and_files_beside_the_others_are_named_with_how_far() {
         let drift = DVec3::new(1e-3 * drift_mm, 0.0, 0.0);
         let drifts = wiped(1, DVec3::ZERO, drift, 6.0);
         for all in [vec![still(0, 4.0), drifts.clone(), still(2, 4.0)], vec![drifts.clone()]] {
-            let error = learn(&skill, &all, 1).unwrap_err().to_string();
+            let error = learn(&skill, &all, 1).map(|_| drift_mm).unwrap_err().to_string();
             assert!(error.contains("clean_01.json") && error.contains("in `end`"), "{error}");
             let found = millimetres(&error, "its rounds move by ");
             assert!((found / drift_mm - 1.0).abs() < 0.2, "{error}");

@@ -27,6 +27,8 @@ const SHORTEST: [f64; 2] = [1.5, 0.04];
 const CLOSED: f64 = 0.15;
 /// Within this fraction of its length from either end a recording of one round begins and ends it.
 const ENDS: f64 = 0.2;
+/// What goes round is no farther from itself than most of its pairs, this fraction, or so many times that.
+const ROUND: [f64; 2] = [0.65, 3.0];
 /// Places of a round.
 pub(super) const PLACES: usize = 200;
 /// Among so many rounds, from the middle of a recording, that is looked for which closes best.
@@ -126,14 +128,15 @@ impl Pairs {
         *apart.select_nth_unstable_by(near, f64::total_cmp).1
     }
 
-    /// By how much the position changes within a lag, at the median.
+    /// By how much the position changes within a lag, on an average of the pairs that go round: a lag that is a little
+    /// too long or too short goes to all sides of a round.
     fn drift(&self, trace: &Trace, lag: f64) -> DVec3 {
-        let median = |axis: usize| {
-            let mut all: Vec<f64> = self.of(trace, lag).map(|apart| apart[axis]).collect();
-            let middle = all.len() / 2;
-            *all.select_nth_unstable_by(middle, f64::total_cmp).1
-        };
-        DVec3::new(median(0), median(1), median(2))
+        let mut all: Vec<Feature> = self.of(trace, lag).collect();
+        all.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
+        let bound = ROUND[1] * all[(ROUND[0] * all.len() as f64) as usize].norm();
+        all.retain(|apart| apart.norm() <= bound);
+        let mean = all.iter().sum::<Feature>() / all.len() as f64;
+        DVec3::new(mean[0], mean[1], mean[2])
     }
 }
 
