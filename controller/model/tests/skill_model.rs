@@ -485,19 +485,6 @@ fn events_of_the_gripper_are_stored_and_checked() {
 }
 
 #[test]
-fn the_same_mode_stands_only_once() {
-    let folder = Folder::new("modes");
-    let (key, problem) = folder.invalid(|m| m.other_modes = vec![m.clone()]);
-    assert!(key == "other_modes[0]" && problem.contains("the first mode again"), "{problem}");
-    let (key, problem) = folder.invalid(|m| {
-        let mut other = m.clone();
-        other.canonical.start.position_m[0] += 0.1;
-        m.other_modes = vec![other.clone(), other];
-    });
-    assert!(key == "other_modes[1]" && problem.contains("other_modes[0] again"), "{problem}");
-}
-
-#[test]
 fn the_thesis_policy_is_stored_too_and_checked() {
     let folder = Folder::new("thesis");
     write(&thesis(), &folder.file()).unwrap();
