@@ -214,7 +214,7 @@ fn table(result: &RunResult) -> Vec<(String, String)> {
     let millimetres = |mm: Option<f64>| mm.map_or("—".to_owned(), |mm| format!("{mm:.2} mm"));
     match result.rounds {
         None => {
-            table.push(("distance from the moving goal", millimetres(result.position_error_mm)))
+            table.push(("distance from the moving goal", millimetres(result.position_error_mm)));
         }
         Some(Rounds { done, period_s, beside_max_mm }) => table.extend([
             ("rounds done", done.to_string()),
