@@ -24,6 +24,7 @@ use crate::motion::limits::JointLimits;
 use crate::outbox::Outbox;
 use crate::peers::Peers;
 use crate::policy::{Decision, Retreat, RobotPolicy, TaskParameters, Workspace};
+use crate::task::rounds::RoundCounter;
 use crate::task::stall::{Progress, StallDetector};
 use crate::task::state::{Remaining, TaskState};
 use crate::telemetry::{RunOutcome, Telemetry, TickRecord, TickTimes};
@@ -45,6 +46,7 @@ pub struct Cycle<const N: usize> {
     workspace: Workspace<N>,
     task: TaskState,
     stall: StallDetector,
+    rounds: RoundCounter,
     motion: MotionGenerator<N>,
     /// Why the arm is being brought to rest. The policy is not followed before it rests.
     braking_for: Option<Reason>,
@@ -92,6 +94,7 @@ impl<const N: usize> Cycle<N> {
             workspace,
             task,
             stall: StallDetector::default(),
+            rounds: RoundCounter::default(),
             motion: MotionGenerator::new(limits, config),
             braking_for: None,
             lasts: false,
@@ -161,6 +164,7 @@ impl<const N: usize> Cycle<N> {
             life_cycle: self.task.life_cycle(),
             states_lost: self.inbox.states_lost(),
             mode: self.shared.status.mode(),
+            rounds: self.rounds.report(),
             allocations: self.peers.allocations(),
             connections: self.peers.connections(),
             page_faults,
@@ -370,6 +374,7 @@ impl<const N: usize> Cycle<N> {
         let (life_cycle, remaining) =
             self.task.advance(gripper, &decision.tool, &decision.goal, now_ns, dt);
         self.outbox.set_remaining(&remaining, decision.energy);
+        self.rounds.update(decision.rounds, remaining.distance_m, dt);
         let gripping = self.task.gripper() == GripperCommand::Grip;
         self.shared.task.store(gripping, self.task.lift_goal());
         Ok(self.detect_stall(state, life_cycle, &remaining, &decision, dt))

@@ -8,6 +8,7 @@ use tprmp_messages::{LifeCycle, Reason};
 
 use crate::peers::Connections;
 use crate::skill_leaf::Choice;
+use crate::task::rounds::RoundsReport;
 use crate::timing::realtime::PageFaults;
 
 /// Longest time the histograms resolve \[ns\].
@@ -119,6 +120,8 @@ pub struct RunOutcome {
     pub connections: Connections,
     /// In which mode the task's skill was done, where it has several.
     pub mode: Option<ModeReport>,
+    /// How a periodic skill went round; `None` for one that goes to a goal.
+    pub rounds: Option<RoundsReport>,
     /// Page faults inside the loop, `None` where the system does not say.
     pub page_faults: Option<PageFaults>,
 }
@@ -315,6 +318,11 @@ impl Telemetry {
                 "free": mode.free,
                 "distance_mm": mode.distance_mm,
             })),
+            "rounds": outcome.rounds.map(|rounds| json!({
+                "done": rounds.done,
+                "period_s": rounds.last.map(|last| last.period_s),
+                "beside_max_mm": rounds.last.map(|last| 1e3 * last.beside_max_m),
+            })),
             "ticks": self.ticks,
             "deadline_misses": self.deadline_misses,
             "skipped_periods": self.skipped_periods,
@@ -391,6 +399,7 @@ mod tests {
 
     const RUNNING: RunOutcome = RunOutcome {
         mode: None,
+        rounds: None,
         states_lost: 0,
         life_cycle: LifeCycle::Running,
         allocations: 0,
@@ -424,6 +433,7 @@ mod tests {
             states_lost: 7,
             life_cycle: LifeCycle::Done,
             mode: None,
+            rounds: None,
             allocations: 3,
             connections,
             page_faults: Some(PageFaults { minor: 2, major: 1 }),
