@@ -165,6 +165,7 @@ impl<const N: usize> Cycle<N> {
             states_lost: self.inbox.states_lost(),
             mode: self.shared.status.mode(),
             rounds: self.rounds.report(),
+            slowed: *self.motion.slowed(),
             allocations: self.peers.allocations(),
             connections: self.peers.connections(),
             page_faults,
@@ -266,6 +267,10 @@ impl<const N: usize> Cycle<N> {
                 Setting::AngularMax => &mut self.policy.governor().angular_max_rad_s,
                 Setting::Stiffness => &mut self.motion.impedance().stiffness_1_s2,
                 Setting::Damping => &mut self.motion.impedance().damping_1_s,
+                Setting::PointSpeedMax => {
+                    let Some(limits) = self.motion.point_limits() else { continue };
+                    &mut limits.speed_max_m_s
+                }
             };
             *value += (target - *value) * fraction;
         }

@@ -411,5 +411,10 @@ pub fn check_names(config_path: &Path, config: &ControllerConfig) -> Result<(), 
         let expected = format!("keys among {keys}");
         return Err(StartError::key(config_path, "supervision.settable", expected, key));
     }
+    let speed = Setting::PointSpeedMax.key();
+    if settable.contains_key(speed) && config.robot.point_limits.is_none() {
+        let expected = "limits, since `supervision.settable` names its speed";
+        return Err(StartError::key(config_path, "robot.point_limits", expected, "None"));
+    }
     Ok(())
 }

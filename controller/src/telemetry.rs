@@ -6,6 +6,7 @@ use hdrhistogram::Histogram;
 use serde_json::{Value, json};
 use tprmp_messages::{LifeCycle, Reason};
 
+use crate::motion::caution::Slowed;
 use crate::peers::Connections;
 use crate::skill_leaf::Choice;
 use crate::task::rounds::RoundsReport;
@@ -122,6 +123,8 @@ pub struct RunOutcome {
     pub mode: Option<ModeReport>,
     /// How a periodic skill went round; `None` for one that goes to a goal.
     pub rounds: Option<RoundsReport>,
+    /// In how many ticks limits of what is near, of points and of power have slowed the arm down.
+    pub slowed: Slowed,
     /// Page faults inside the loop, `None` where the system does not say.
     pub page_faults: Option<PageFaults>,
 }
@@ -327,6 +330,12 @@ impl Telemetry {
             "deadline_misses": self.deadline_misses,
             "skipped_periods": self.skipped_periods,
             "states_lost": outcome.states_lost,
+            "slowed_ticks": {
+                "clearance": outcome.slowed.clearance,
+                "point_speed": outcome.slowed.point_speed,
+                "point_acceleration": outcome.slowed.point_acceleration,
+                "power": outcome.slowed.power,
+            },
             "allocations": outcome.allocations,
             "connections": {
                 "count": outcome.connections.count,
@@ -398,6 +407,7 @@ mod tests {
     use super::*;
 
     const RUNNING: RunOutcome = RunOutcome {
+        slowed: Slowed { clearance: 0, point_speed: 0, point_acceleration: 0, power: 0 },
         mode: None,
         rounds: None,
         states_lost: 0,
@@ -430,6 +440,7 @@ mod tests {
         connections.add(37, 45_000);
         connections.add(20, 15_000);
         let outcome = RunOutcome {
+            slowed: Slowed { clearance: 3, ..Slowed::default() },
             states_lost: 7,
             life_cycle: LifeCycle::Done,
             mode: None,

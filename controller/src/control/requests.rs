@@ -14,11 +14,14 @@ pub enum Setting {
     Stiffness,
     /// `impedance.damping_1_s`
     Damping,
+    /// `robot.point_limits.speed_max_m_s`
+    PointSpeedMax,
 }
 
 impl Setting {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::LinearMax, Self::AngularMax, Self::Stiffness, Self::Damping];
+    pub const ALL: [Self; 5] =
+        [Self::LinearMax, Self::AngularMax, Self::Stiffness, Self::Damping, Self::PointSpeedMax];
 
     /// Its key in the configuration.
     #[must_use]
@@ -28,6 +31,7 @@ impl Setting {
             Self::AngularMax => "skill.governor.angular_max_rad_s",
             Self::Stiffness => "impedance.stiffness_1_s2",
             Self::Damping => "impedance.damping_1_s",
+            Self::PointSpeedMax => "robot.point_limits.speed_max_m_s",
         }
     }
 

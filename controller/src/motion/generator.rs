@@ -3,10 +3,11 @@
 
 use nalgebra::SVector;
 use tprmp_messages::{CommandMode, Reason};
-use tprmp_model::controller_config::{ControllerConfig, Impedance, Stop};
+use tprmp_model::controller_config::{ControllerConfig, Impedance, PointLimits, Stop};
 use tprmp_robot::Chain;
 
 use crate::inputs::estimator::JointState;
+use crate::motion::caution::{Ahead, Caution, Slowed};
 use crate::motion::disturbance::DisturbanceObserver;
 use crate::motion::limits::JointLimits;
 use crate::motion::profile::JointMotion;
@@ -21,9 +22,6 @@ const NEAR_S: f64 = 0.02;
 const NEAR_REST: f64 = 1e-9;
 /// … and as fast, up to this fraction of the largest speed.
 const NEAR_SPEED: f64 = 0.1;
-/// From where braking would use up this fraction of a clearance on the arm brakes, and wholly where it would use up
-/// all of it.
-const BRAKES_FROM: f64 = 0.6;
 
 /// What a command asks of the joints: finite, within the limits, and a continuation of the last one.
 #[derive(Debug, Clone, Copy)]
@@ -74,6 +72,7 @@ pub struct MotionGenerator<const N: usize> {
     moved_by: Option<MovedBy>,
     fade_s: f64,
     disturbance: Option<DisturbanceObserver<N>>,
+    caution: Caution<N>,
 }
 
 impl<const N: usize> MotionGenerator<N> {
@@ -94,6 +93,7 @@ impl<const N: usize> MotionGenerator<N> {
             moved_by: None,
             fade_s: 0.0,
             disturbance: config.disturbance.map(DisturbanceObserver::new),
+            caution: Caution::new(config.robot.point_limits),
         }
     }
 
@@ -101,6 +101,17 @@ impl<const N: usize> MotionGenerator<N> {
     #[must_use]
     pub fn limits(&self) -> &JointLimits<N> {
         &self.limits
+    }
+
+    /// The limits of points of the arm, to be changed smoothly.
+    pub fn point_limits(&mut self) -> Option<&mut PointLimits> {
+        self.caution.limits()
+    }
+
+    /// In how many ticks limits have slowed the arm down.
+    #[must_use]
+    pub fn slowed(&self) -> &Slowed {
+        self.caution.slowed()
     }
 
     /// Updates with a measured state and its time \[ns\], before [`MotionGenerator::follow`] or
@@ -148,9 +159,8 @@ impl<const N: usize> MotionGenerator<N> {
         }
     }
 
-    /// Follows the policy's acceleration `wanted` over `dt` \[s\]; after a start or a stop faded in. The faster the
-    /// arm closes clearances, `closing_1_s` \[1/s\], the more it brakes instead: it could stop before any of them is
-    /// used up.
+    /// Follows the policy's acceleration `wanted` over `dt` \[s\]; after a start or a stop faded in. Where
+    /// [`Caution`] says so it brakes instead; the arm closes clearances by `closing_1_s` \[1/s\].
     ///
     /// # Errors
     /// When it is not finite. The caller brakes.
@@ -170,16 +180,21 @@ impl<const N: usize> MotionGenerator<N> {
         }
         let mut motion = self.reference(state);
         let fraction = self.stop.deceleration_fraction;
-        let used = closing_1_s * motion.braking_length_s(&self.limits, fraction);
-        let room = (1.0 - used) / (1.0 - BRAKES_FROM);
-        let fade = (self.fade_s / self.stop.fade_in_s).min(1.0).min(room.clamp(0.0, 1.0));
+        let torque = self
+            .published
+            .map_or_else(SVector::zeros, |last| last.torques.motion + last.torques.gravity);
+        let ahead =
+            Ahead { motion: &motion, closing_1_s, torque, deceleration_fraction: fraction, dt };
+        let left = self.caution.left(chain, &self.limits, &ahead);
+        let fade = (self.fade_s / self.stop.fade_in_s).min(1.0).min(left);
         self.fade_s += dt;
         let brake = motion.braking(&self.limits, fraction, dt);
+        let wanted = self.caution.scaled(chain, &motion, *wanted);
         let faded = self.limits.scaled(&(wanted * fade + brake * (1.0 - fade)));
         // What the limits leave of the yielding is no acceleration that the arm is asked for.
         let mut unyielding = motion;
         unyielding.advance(&faded, &self.limits, dt);
-        let yielding = self.tracking.yielding(&motion, state, dt);
+        let yielding = self.tracking.yielding(&motion, state, dt) * left;
         motion.advance(&(faded + yielding), &self.limits, dt);
         let yielded = motion.acceleration - unyielding.acceleration;
         self.tie = Tie::Follows;

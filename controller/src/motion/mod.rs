@@ -1,5 +1,6 @@
 //! From the policy's accelerations to commands within the limits.
 
+pub mod caution;
 pub mod disturbance;
 pub mod generator;
 pub mod limits;

@@ -59,6 +59,21 @@ pub struct Robot {
     /// \[rad or m\]: what keeps an arm from folding its elbow or its shoulder over. Outside, a joint
     /// may only come back.
     pub working_range: BTreeMap<String, [f64; 2]>,
+    /// What points of the arm keep below; `None` where nothing but the joints' limits is asked for.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub point_limits: Option<PointLimits>,
+}
+
+/// Limits of the tool and of the origins of all joints, the elbow's for one.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PointLimits {
+    /// Largest speed \[m/s\]. ISO 10218-1 has 0.25 m/s for a reduced speed.
+    pub speed_max_m_s: f64,
+    /// Largest acceleration by the joints', J q̈, that is asked for; braking may take more \[m/s²\].
+    pub acceleration_max_m_s2: f64,
+    /// Largest power of all joints, ∑|τᵢ q̇ᵢ|, what holds against gravity included \[W\].
+    pub power_max_w: f64,
 }
 
 /// A sphere on a link.
@@ -347,6 +362,11 @@ impl Robot {
         check.fraction("velocity_fraction", self.velocity_fraction);
         check.fraction("effort_fraction", self.effort_fraction);
         check.not_negative("position_margin", self.position_margin);
+        if let Some(points) = &self.point_limits {
+            check.positive("point_limits.speed_max_m_s", points.speed_max_m_s);
+            check.positive("point_limits.acceleration_max_m_s2", points.acceleration_max_m_s2);
+            check.positive("point_limits.power_max_w", points.power_max_w);
+        }
         for (joint, range) in &self.working_range {
             let is_known = self.joints.contains(joint);
             check.require(is_known, "working_range", "names from robot.joints", joint);

@@ -17,7 +17,7 @@ mod supervision;
 
 pub use config::{
     Capability, ControlPoint, ControllerConfig, Disturbance, Done, FrameObserver, Impedance, Loop,
-    RealTime, Robot, Stop, Trigger,
+    PointLimits, RealTime, Robot, Stop, Trigger,
 };
 pub use error::{ConfigError, Fault, Problem};
 pub use leaves::{
