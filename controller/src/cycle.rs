@@ -260,8 +260,8 @@ impl<const N: usize> Cycle<N> {
             let value = match setting {
                 Setting::LinearMax => &mut self.policy.governor().linear_max_m_s,
                 Setting::AngularMax => &mut self.policy.governor().angular_max_rad_s,
-                Setting::Stiffness => &mut self.motion.impedance().stiffness_1_s2,
-                Setting::Damping => &mut self.motion.impedance().damping_1_s,
+                Setting::NaturalFrequency => &mut self.motion.impedance().natural_frequency_rad_s,
+                Setting::DampingRatio => &mut self.motion.impedance().damping_ratio,
             };
             *value += (target - *value) * fraction;
         }

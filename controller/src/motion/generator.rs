@@ -9,8 +9,10 @@ use tprmp_robot::Chain;
 use crate::inputs::estimator::JointState;
 use crate::motion::disturbance::DisturbanceObserver;
 use crate::motion::limits::JointLimits;
+use crate::motion::load::{LoadObserver, Wanted};
 use crate::motion::profile::JointMotion;
-use crate::motion::tracking::{Torques, Tracking};
+use crate::motion::servo::ServoModel;
+use crate::motion::tracking::{Drives, Torques, Tracking};
 
 /// A measured arm slower than this is at rest \[rad/s or m/s\].
 const MEASURED_REST: f64 = 1e-2;
@@ -58,7 +60,7 @@ enum MovedBy {
 #[derive(Debug)]
 pub struct MotionGenerator<const N: usize> {
     limits: JointLimits<N>,
-    tracking: Tracking,
+    tracking: Tracking<N>,
     stop: Stop,
     /// What was published last.
     published: Option<Setpoint<N>>,
@@ -71,6 +73,9 @@ pub struct MotionGenerator<const N: usize> {
     moved_by: Option<MovedBy>,
     fade_s: f64,
     disturbance: Option<DisturbanceObserver<N>>,
+    load: Option<LoadObserver<N>>,
+    /// Of a servo with a lag.
+    servo: Option<ServoModel<N>>,
 }
 
 impl<const N: usize> MotionGenerator<N> {
@@ -81,6 +86,7 @@ impl<const N: usize> MotionGenerator<N> {
             limits,
             tracking: Tracking {
                 impedance: config.impedance,
+                drives: Drives::new(&config.robot.actuators),
                 gravity_m_s2: config.robot.gravity_m_s2.into(),
             },
             stop: config.stop,
@@ -91,6 +97,8 @@ impl<const N: usize> MotionGenerator<N> {
             moved_by: None,
             fade_s: 0.0,
             disturbance: config.disturbance.map(DisturbanceObserver::new),
+            load: config.disturbance.and_then(|settings| settings.load).map(LoadObserver::new),
+            servo: ServoModel::new(config.robot.actuators.lag_s()),
         }
     }
 
@@ -105,6 +113,17 @@ impl<const N: usize> MotionGenerator<N> {
     pub fn observe(&mut self, state: &JointState<N>, time_ns: u64) {
         if let Some(disturbance) = &mut self.disturbance {
             disturbance.observe(&state.velocity, time_ns);
+        }
+    }
+
+    /// The arm as it will be when it has come to where it is told to be: after the lag of its servo.
+    #[must_use]
+    pub fn ahead(&self, state: &JointState<N>) -> JointState<N> {
+        match (&self.servo, &self.published) {
+            (Some(servo), Some(last)) if self.tie == Tie::Follows => {
+                servo.ahead(state, &last.motion, &self.limits.position_end)
+            }
+            _ => *state,
         }
     }
 
@@ -317,7 +336,7 @@ impl<const N: usize> MotionGenerator<N> {
     }
 
     fn torques(
-        &self,
+        &mut self,
         chain: &Chain<N>,
         state: &JointState<N>,
         motion: &JointMotion<N>,
@@ -327,8 +346,29 @@ impl<const N: usize> MotionGenerator<N> {
             let most = &self.limits.velocity_max;
             disturbance.compensation(&state.velocity, &motion.velocity, most)
         });
+        let load = self.observe_load(chain, state, motion, yielded.is_some());
         let robot = (chain, &self.limits);
-        self.tracking.torques(robot, state, motion, yielded, &compensation)
+        self.tracking.torques(robot, state, motion, yielded, &compensation, &load)
+    }
+
+    /// What cancels the load, after the newest state \[N m or N\].
+    fn observe_load(
+        &mut self,
+        chain: &Chain<N>,
+        state: &JointState<N>,
+        motion: &JointMotion<N>,
+        yields: bool,
+    ) -> SVector<f64, N> {
+        let Self { tracking, disturbance, load, limits, .. } = self;
+        let Some(load) = load else { return SVector::zeros() };
+        let fresh = disturbance.as_mut().and_then(DisturbanceObserver::take_fresh);
+        if let Some((acceleration, elapsed_s)) = fresh {
+            let beside = tracking.inertial(chain, &state.position, &acceleration);
+            let wanted_velocity = &tracking.wanted_velocity(motion, state, yields);
+            let joint = Wanted { velocity: &state.velocity, wanted_velocity };
+            load.advance(&beside, &joint, &limits.effort_max, elapsed_s);
+        }
+        *load.torque()
     }
 
     /// The last stage of every command: it continues the one before. Nothing that is not finite gets out.
@@ -351,6 +391,9 @@ impl<const N: usize> MotionGenerator<N> {
         }
         if let (Some(disturbance), Some(wanted)) = (&mut self.disturbance, &torques.wanted) {
             disturbance.asked(wanted, torques.saturated, dt);
+        }
+        if let Some(servo) = &mut self.servo {
+            servo.advance(&motion, dt);
         }
         let setpoint = Setpoint { motion, torques, asked: acceleration - yielded };
         self.published = Some(setpoint);

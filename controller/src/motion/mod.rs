@@ -3,5 +3,7 @@
 pub mod disturbance;
 pub mod generator;
 pub mod limits;
+pub mod load;
 pub mod profile;
+pub mod servo;
 pub mod tracking;
