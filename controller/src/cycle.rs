@@ -354,7 +354,9 @@ impl<const N: usize> Cycle<N> {
             external.advance(now_ns, dt);
         }
         let parameters = parameters(&self.inbox, dt);
-        let (q, qd) = (&state.position, &state.velocity);
+        // Where the arm will be, at the time at which the frames are seen.
+        let ahead = self.motion.ahead(state);
+        let (q, qd) = (&ahead.position, &ahead.velocity);
         let decision = self
             .policy
             .evaluate(q, qd, &self.task.task(), &parameters, &mut self.workspace)

@@ -63,6 +63,7 @@ class MujocoWorld:
         self._other = mujoco.MjData(self.model)
         self._find()
         self._target: tuple[Array, Array] | None = None
+        self._before: tuple[Array, Array] | None = None
         self._filtered = np.zeros(len(self.joints))
         self.place_arm(self.home)
         self._place_bodies()
@@ -179,6 +180,7 @@ class MujocoWorld:
         if self._target is None:
             measured, speed = map(np.array, self.joint_state())
             self._filtered = measured if self.settings.interface == "position" else speed
+        self._before = self._target or (position, velocity)
         self._target = position, velocity
         torque = self.data.qfrc_actuator[self._dofs].tolist()
         return torque, torque
@@ -197,9 +199,9 @@ class MujocoWorld:
     def step(self, vacuum: bool) -> None:
         """One step of the scene, then what the vacuum does, then the new time's poses."""
         self._place_bodies()
-        for _ in range(SUBSTEPS):
+        for part in range(SUBSTEPS):
             if self._target is not None:
-                self._servo(self.dt_s / SUBSTEPS)
+                self._servo((part + 1) / SUBSTEPS)
             mujoco.mj_step(self.model, self.data)
         self.data.xfrc_applied[:] = 0.0
         self._watch()
@@ -208,20 +210,24 @@ class MujocoWorld:
             self.steps += 1
         self._place_bodies()
 
-    def _servo(self, dt_s: float) -> None:
-        """The drive follows the set point behind a lag of first order."""
-        (position, velocity), lag_s = self._target, self.settings.servo_lag_s
+    def _servo(self, fraction: float) -> None:
+        """The drive follows the set point behind a lag of first order.
+
+        Set points are interpolated: at the end of a step the newest one is wanted.
+        """
+        dt_s, lag_s = self.dt_s / SUBSTEPS, self.settings.servo_lag_s
         by_position = self.settings.interface == "position"
-        wanted = position if by_position else velocity
+        old, new = (pair[0 if by_position else 1] for pair in (self._before, self._target))
+        wanted = old + (new - old) * fraction
+        before = self._filtered
         if lag_s > 0.0:
-            rate = (wanted - self._filtered) / lag_s
-            self._filtered = self._filtered + (wanted - self._filtered) * -math.expm1(-dt_s / lag_s)
+            self._filtered = before + (wanted - before) * -math.expm1(-dt_s / lag_s)
         else:
-            rate, self._filtered = velocity, wanted
+            self._filtered = wanted
         speed = self._filtered
         if by_position:
-            error = self._filtered - self.data.qpos[self.joints]
-            speed = rate + DRIVE_RATE_1_S * error
+            error = before - self.data.qpos[self.joints]
+            speed = (self._filtered - before) / dt_s + DRIVE_RATE_1_S * error
         bias = self.data.qfrc_bias[self._dofs] / (DRIVE_S_RAD * self.effort_max)
         self.data.ctrl[:] = speed + bias
 

@@ -56,6 +56,14 @@ enum MovedBy {
     Others,
 }
 
+/// The impedance, whose reference yields to a servo as the servo's own key says.
+fn impedance(config: &ControllerConfig) -> Impedance {
+    let yields_s = config.robot.actuators.servo().map(|servo| servo.reference_time_constant_s);
+    let mut impedance = config.impedance;
+    impedance.reference_time_constant_s = yields_s.unwrap_or(impedance.reference_time_constant_s);
+    impedance
+}
+
 /// The reference that the arm follows, and what becomes of it when the policy may not be followed.
 #[derive(Debug)]
 pub struct MotionGenerator<const N: usize> {
@@ -85,7 +93,7 @@ impl<const N: usize> MotionGenerator<N> {
         Self {
             limits,
             tracking: Tracking {
-                impedance: config.impedance,
+                impedance: impedance(config),
                 drives: Drives::new(&config.robot.actuators),
                 gravity_m_s2: config.robot.gravity_m_s2.into(),
             },
@@ -181,6 +189,7 @@ impl<const N: usize> MotionGenerator<N> {
         if core::mem::take(&mut self.holding) {
             self.fade_s = 0.0;
         }
+        let state = &self.ahead(state);
         let mut motion = self.reference(state);
         let fade = (self.fade_s / self.stop.fade_in_s).min(1.0);
         self.fade_s += dt;

@@ -37,6 +37,9 @@ pub struct JointDrives {
 pub struct Servo {
     /// T; 0 for a servo that is where it was told to be \[s\].
     pub lag_s: f64,
+    /// In place of `impedance.reference_time_constant_s`: a servo does not give way to a push, and what its lag is
+    /// not known by moves the reference, in proportion to 1 over the square of this \[s\].
+    pub reference_time_constant_s: f64,
 }
 
 /// The impedance with which the policy's acceleration is tracked  [thesis section 4.4].
@@ -89,20 +92,38 @@ impl Actuators {
     /// The lag of a servo; 0 where there is none \[s\].
     #[must_use]
     pub fn lag_s(&self) -> f64 {
+        self.servo().map_or(0.0, |servo| servo.lag_s)
+    }
+
+    /// The servo, where there is one.
+    #[must_use]
+    pub fn servo(&self) -> Option<&Servo> {
         match self {
-            Self::Torque(_) => 0.0,
-            Self::PositionServo(servo) | Self::VelocityServo(servo) => servo.lag_s,
+            Self::Torque(_) => None,
+            Self::PositionServo(servo) | Self::VelocityServo(servo) => Some(servo),
         }
     }
 
     pub(super) fn check(&self, joints: usize, check: &mut Check) {
         match self {
             Self::Torque(drives) => drives.check(joints, check),
-            Self::PositionServo(Servo { lag_s }) | Self::VelocityServo(Servo { lag_s }) => {
-                check.require((0.0..=0.5).contains(lag_s), "lag_s", "0 to 0.5 seconds", lag_s);
-            }
+            Self::PositionServo(servo) | Self::VelocityServo(servo) => servo.check(check),
         }
     }
+}
+
+impl Servo {
+    fn check(&self, check: &mut Check) {
+        let lag = &self.lag_s;
+        check.require((0.0..=0.5).contains(lag), "lag_s", "0 to 0.5 seconds", lag);
+        check_reference(self.reference_time_constant_s, check);
+    }
+}
+
+/// The longest step of the loop is 0.02 s: below a fourth of it the reference would oscillate.
+fn check_reference(time_s: f64, check: &mut Check) {
+    let expected = "at least 0.005 seconds";
+    check.require((0.005..=1e6).contains(&time_s), "reference_time_constant_s", expected, &time_s);
 }
 
 impl JointDrives {
@@ -124,10 +145,7 @@ impl Impedance {
         check.not_negative("natural_frequency_rad_s", self.natural_frequency_rad_s);
         check.not_negative("damping_ratio", self.damping_ratio);
         check.fraction("feedback_fraction", self.feedback_fraction);
-        // The longest step of the loop is 0.02 s: below a fourth of it the reference would oscillate.
-        let time = &self.reference_time_constant_s;
-        let expected = "at least 0.005 seconds";
-        check.require((0.005..=1e6).contains(time), "reference_time_constant_s", expected, time);
+        check_reference(self.reference_time_constant_s, check);
     }
 }
 
