@@ -44,7 +44,8 @@ def page(rows: list[dict], traces: list[list], found: list[Verdict], *, quick: b
     parts = [
         "<h1>Experiments of the whole arm</h1>",
         f"<p>{len(rows)} episodes in lockstep{', a short look' if quick else ''}, in pybullet, "
-        "those about joints in MuJoCo. Contacts of all links are taken from the physics at every step.</p>",
+        "those about joints in MuJoCo. "
+        "Contacts of all links are taken from the physics at every step.</p>",
         _verdict_table(found),
     ]
     for experiment in dict.fromkeys(row["experiment"] for row in rows):
