@@ -67,3 +67,61 @@ impl<const N: usize> LoadObserver<N> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector1;
+
+    const SETTINGS: Load = Load {
+        time_constant_s: 0.2,
+        stuck_time_constant_s: 0.02,
+        stuck_speed: 0.005,
+        effort_fraction: 0.25,
+    };
+    const DT: f64 = 0.002;
+
+    fn advance(observer: &mut LoadObserver<1>, disturbance: f64, velocity: f64, wanted: f64) {
+        let (velocity, wanted) = (Vector1::new(velocity), Vector1::new(wanted));
+        let joint = Wanted { velocity: &velocity, wanted_velocity: &wanted };
+        observer.advance(&Vector1::new(disturbance), &joint, &Vector1::new(100.0), DT);
+    }
+
+    /// After so long under a weight, what cancels it, of what there is of it.
+    fn known(weight: f64, seconds: f64, velocity: f64, wanted: f64) -> f64 {
+        let mut observer = LoadObserver::<1>::new(SETTINGS);
+        for _ in 0..(seconds / DT) as usize {
+            let left = weight + observer.torque()[0];
+            advance(&mut observer, left, velocity, wanted);
+        }
+        -observer.torque()[0] / weight
+    }
+
+    #[test]
+    fn a_weight_is_known_after_its_time_and_never_more_than_that() {
+        assert!((known(-10.0, 0.2, 0.1, 0.1) - 0.63).abs() < 0.01);
+        assert!((known(-10.0, 5.0, 0.1, 0.1) - 1.0).abs() < 1e-6);
+        assert!((known(-50.0, 5.0, 0.1, 0.1) - 0.5).abs() < 1e-9, "no more than a quarter of 100");
+    }
+
+    #[test]
+    fn friction_that_holds_a_joint_is_known_ten_times_as_fast() {
+        assert!(known(-10.0, 0.05, 0.0, 0.1) > 0.9);
+        assert!(known(-10.0, 0.05, 0.0, 0.0) < 0.25, "where nothing is wanted it is a push");
+        assert!(known(10.0, 0.05, 0.0, 0.1) < 0.25, "nor where it pushes the way it should");
+    }
+
+    #[test]
+    fn what_friction_needed_is_gone_at_once_when_it_has_let_go() {
+        let mut observer = LoadObserver::<1>::new(SETTINGS);
+        for _ in 0..100 {
+            let left = -10.0 + observer.torque()[0];
+            advance(&mut observer, left, 0.0, 0.1);
+        }
+        for _ in 0..50 {
+            let left = observer.torque()[0];
+            advance(&mut observer, left, 0.5, 0.1);
+        }
+        assert!(observer.torque()[0] < 0.1, "{}", observer.torque()[0]);
+    }
+}

@@ -212,3 +212,85 @@ impl<const N: usize> Torques<N> {
         self
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::SVector;
+    use tprmp_model::controller_config::{self, ControllerConfig};
+
+    const N: usize = 6;
+    type Joints = SVector<f64, N>;
+
+    /// The shipped UR5, with joints as real ones.
+    fn real() -> (ControllerConfig, Chain<N>) {
+        let ur5 = concat!(env!("CARGO_MANIFEST_DIR"), "/../config/controllers/ur5_pick.ron");
+        let config = controller_config::read_with(ur5.as_ref(), |config| {
+            let Actuators::Torque(drives) = &mut config.robot.actuators else { unreachable!() };
+            drives.rotor_inertia = vec![0.1; N];
+            drives.coulomb_friction = vec![1.0; N];
+            drives.viscous_friction = vec![0.5; N];
+        })
+        .unwrap();
+        let chain = Chain::from_urdf(&config.robot.urdf, config.robot.selection()).unwrap();
+        (config, chain)
+    }
+
+    fn tracking(config: &ControllerConfig) -> Tracking<N> {
+        Tracking {
+            impedance: config.impedance,
+            drives: Drives::new(&config.robot.actuators),
+            gravity_m_s2: config.robot.gravity_m_s2.into(),
+        }
+    }
+
+    #[test]
+    fn friction_is_compensated_along_the_wanted_motion_and_never_exceeded() {
+        let (config, _) = real();
+        let drives = tracking(&config).drives;
+        let mut wanted = Joints::zeros();
+        (wanted[0], wanted[1], wanted[2]) = (0.0005, -0.2, 0.001);
+        let friction = drives.friction(&wanted);
+        assert!((friction[0] - 0.50025).abs() < 1e-12, "half of it at half the speed");
+        assert!((friction[1] + 1.1).abs() < 1e-12);
+        assert!((friction[2] - 1.0005).abs() < 1e-12);
+        assert_eq!(friction[3], 0.0, "a joint that is to rest is left to its friction");
+    }
+
+    /// A joint of a wrist, 0.1 rad from its reference, that friction holds: today's gains by frequency and
+    /// damping, in the inertia of link and rotor.
+    #[test]
+    fn feedback_is_bounded_by_the_effort_and_not_by_the_inertia_of_the_links() {
+        let (config, chain) = real();
+        let (tracking, limits) = (tracking(&config), JointLimits::new(&chain, &config.robot));
+        let position = Joints::from([-2.7, -1.6, 1.6, -1.6, -1.6, 0.4]);
+        let state = JointState { position, velocity: Joints::zeros() };
+        let none = Joints::zeros();
+        let at = |offset: f64| {
+            let mut reference = JointMotion::at_rest(position);
+            reference.position[5] += offset;
+            tracking.torques((&chain, &limits), &state, &reference, None, &none, &none)
+        };
+        let torque = at(0.1).motion[5];
+        let stiffness = config.impedance.natural_frequency_rad_s.powi(2) * (0.1 + 1.7e-4);
+        assert!((torque - 0.1 * stiffness).abs() < 0.01, "{torque}");
+        let most = limits.effort_max[5] * config.impedance.feedback_fraction;
+        let far = at(100.0);
+        assert!((far.motion[5] - most).abs() < 1e-9 && far.saturated);
+        assert!(!at(0.1).saturated);
+    }
+
+    #[test]
+    fn rotors_weigh_and_a_servo_has_none() {
+        let (config, chain) = real();
+        let tracking = tracking(&config);
+        let position = Joints::from([-2.7, -1.6, 1.6, -1.6, -1.6, 0.4]);
+        let turn = Joints::from([0.0, 0.0, 0.0, 0.0, 0.0, 2.0]);
+        let torque = tracking.inertial(&chain, &position, &turn)[5];
+        assert!((torque - 2.0 * (0.1 + 1.72e-4)).abs() < 1e-4, "{torque}");
+        let servo =
+            tprmp_model::controller_config::Servo { lag_s: 0.1, reference_time_constant_s: 0.5 };
+        let drives = Drives::<N>::new(&Actuators::PositionServo(servo));
+        assert_eq!(drives.friction(&turn) + drives.rotor_inertia, Joints::zeros());
+    }
+}
