@@ -265,8 +265,8 @@ impl<const N: usize> Cycle<N> {
             let value = match setting {
                 Setting::LinearMax => &mut self.policy.governor().linear_max_m_s,
                 Setting::AngularMax => &mut self.policy.governor().angular_max_rad_s,
-                Setting::Stiffness => &mut self.motion.impedance().stiffness_1_s2,
-                Setting::Damping => &mut self.motion.impedance().damping_1_s,
+                Setting::NaturalFrequency => &mut self.motion.impedance().natural_frequency_rad_s,
+                Setting::DampingRatio => &mut self.motion.impedance().damping_ratio,
                 Setting::PointSpeedMax => {
                     let Some(limits) = self.motion.point_limits() else { continue };
                     &mut limits.speed_max_m_s
@@ -363,7 +363,9 @@ impl<const N: usize> Cycle<N> {
             external.advance(now_ns, dt);
         }
         let parameters = parameters(&self.inbox, dt);
-        let (q, qd) = (&state.position, &state.velocity);
+        // Where the arm will be, at the time at which the frames are seen.
+        let ahead = self.motion.ahead(state);
+        let (q, qd) = (&ahead.position, &ahead.velocity);
         let decision = self
             .policy
             .evaluate(q, qd, &self.task.task(), &parameters, &mut self.workspace)

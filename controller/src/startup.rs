@@ -364,7 +364,8 @@ pub fn replacement<const N: usize>(
     });
     let task = &skills[0].model;
     let goal_frame = usize::from(task.goal_frame != task.start_frame);
-    let scene = Scene::new(names.collect(), goal_frame);
+    let ahead_s = config.robot.actuators.lag_s();
+    let scene = Scene::new(names.collect(), goal_frame).seen_ahead(ahead_s);
     Ok(Replacement { workspace: policy.workspace(), policy, scene })
 }
 

@@ -181,8 +181,8 @@ proptest! {
             config.joint_damping.damping_1_s = gains[3];
             config.external.as_mut().unwrap().linear_inertia_kg = gains[6];
             config.external.as_mut().unwrap().response_1_s = gains[7];
-            config.impedance.stiffness_1_s2 = gains[4];
-            config.impedance.damping_1_s = gains[5];
+            config.impedance.natural_frequency_rad_s = gains[4].sqrt();
+            config.impedance.damping_ratio = 0.5 * gains[5] / gains[4].sqrt();
         };
         let loaded = startup::load_with(&config_path, edit, &[model], false).unwrap();
         let (chain, points) = startup::robot::<N>(&config_path, &loaded.config).unwrap();

@@ -10,8 +10,10 @@ use crate::inputs::estimator::JointState;
 use crate::motion::caution::{Ahead, Caution, Slowed};
 use crate::motion::disturbance::DisturbanceObserver;
 use crate::motion::limits::JointLimits;
+use crate::motion::load::{LoadObserver, Wanted};
 use crate::motion::profile::JointMotion;
-use crate::motion::tracking::{Torques, Tracking};
+use crate::motion::servo::ServoModel;
+use crate::motion::tracking::{Drives, Torques, Tracking};
 
 /// A measured arm slower than this is at rest \[rad/s or m/s\].
 const MEASURED_REST: f64 = 1e-2;
@@ -55,11 +57,19 @@ enum MovedBy {
     Others,
 }
 
+/// The impedance, whose reference yields to a servo as the servo's own key says.
+fn impedance(config: &ControllerConfig) -> Impedance {
+    let yields_s = config.robot.actuators.servo().map(|servo| servo.reference_time_constant_s);
+    let mut impedance = config.impedance;
+    impedance.reference_time_constant_s = yields_s.unwrap_or(impedance.reference_time_constant_s);
+    impedance
+}
+
 /// The reference that the arm follows, and what becomes of it when the policy may not be followed.
 #[derive(Debug)]
 pub struct MotionGenerator<const N: usize> {
     limits: JointLimits<N>,
-    tracking: Tracking,
+    tracking: Tracking<N>,
     stop: Stop,
     /// What was published last.
     published: Option<Setpoint<N>>,
@@ -73,6 +83,9 @@ pub struct MotionGenerator<const N: usize> {
     fade_s: f64,
     disturbance: Option<DisturbanceObserver<N>>,
     caution: Caution<N>,
+    load: Option<LoadObserver<N>>,
+    /// Of a servo with a lag.
+    servo: Option<ServoModel<N>>,
 }
 
 impl<const N: usize> MotionGenerator<N> {
@@ -82,7 +95,8 @@ impl<const N: usize> MotionGenerator<N> {
         Self {
             limits,
             tracking: Tracking {
-                impedance: config.impedance,
+                impedance: impedance(config),
+                drives: Drives::new(&config.robot.actuators),
                 gravity_m_s2: config.robot.gravity_m_s2.into(),
             },
             stop: config.stop,
@@ -94,6 +108,8 @@ impl<const N: usize> MotionGenerator<N> {
             fade_s: 0.0,
             disturbance: config.disturbance.map(DisturbanceObserver::new),
             caution: Caution::new(config.robot.point_limits),
+            load: config.disturbance.and_then(|settings| settings.load).map(LoadObserver::new),
+            servo: ServoModel::new(config.robot.actuators.lag_s()),
         }
     }
 
@@ -119,6 +135,17 @@ impl<const N: usize> MotionGenerator<N> {
     pub fn observe(&mut self, state: &JointState<N>, time_ns: u64) {
         if let Some(disturbance) = &mut self.disturbance {
             disturbance.observe(&state.velocity, time_ns);
+        }
+    }
+
+    /// The arm as it will be when it has come to where it is told to be: after the lag of its servo.
+    #[must_use]
+    pub fn ahead(&self, state: &JointState<N>) -> JointState<N> {
+        match (&self.servo, &self.published) {
+            (Some(servo), Some(last)) if self.tie == Tie::Follows => {
+                servo.ahead(state, &last.motion, &self.limits.position_end)
+            }
+            _ => *state,
         }
     }
 
@@ -178,6 +205,7 @@ impl<const N: usize> MotionGenerator<N> {
         if core::mem::take(&mut self.holding) {
             self.fade_s = 0.0;
         }
+        let state = &self.ahead(state);
         let mut motion = self.reference(state);
         let fraction = self.stop.deceleration_fraction;
         let torque = self
@@ -342,7 +370,7 @@ impl<const N: usize> MotionGenerator<N> {
     }
 
     fn torques(
-        &self,
+        &mut self,
         chain: &Chain<N>,
         state: &JointState<N>,
         motion: &JointMotion<N>,
@@ -352,8 +380,29 @@ impl<const N: usize> MotionGenerator<N> {
             let most = &self.limits.velocity_max;
             disturbance.compensation(&state.velocity, &motion.velocity, most)
         });
+        let load = self.observe_load(chain, state, motion, yielded.is_some());
         let robot = (chain, &self.limits);
-        self.tracking.torques(robot, state, motion, yielded, &compensation)
+        self.tracking.torques(robot, state, motion, yielded, &compensation, &load)
+    }
+
+    /// What cancels the load, after the newest state \[N m or N\].
+    fn observe_load(
+        &mut self,
+        chain: &Chain<N>,
+        state: &JointState<N>,
+        motion: &JointMotion<N>,
+        yields: bool,
+    ) -> SVector<f64, N> {
+        let Self { tracking, disturbance, load, limits, .. } = self;
+        let Some(load) = load else { return SVector::zeros() };
+        let fresh = disturbance.as_mut().and_then(DisturbanceObserver::take_fresh);
+        if let Some((acceleration, elapsed_s)) = fresh {
+            let beside = tracking.inertial(chain, &state.position, &acceleration);
+            let wanted_velocity = &tracking.wanted_velocity(motion, state, yields);
+            let joint = Wanted { velocity: &state.velocity, wanted_velocity };
+            load.advance(&beside, &joint, &limits.effort_max, elapsed_s);
+        }
+        *load.torque()
     }
 
     /// The last stage of every command: it continues the one before. Nothing that is not finite gets out.
@@ -376,6 +425,9 @@ impl<const N: usize> MotionGenerator<N> {
         }
         if let (Some(disturbance), Some(wanted)) = (&mut self.disturbance, &torques.wanted) {
             disturbance.asked(wanted, torques.saturated, dt);
+        }
+        if let Some(servo) = &mut self.servo {
+            servo.advance(&motion, dt);
         }
         let setpoint = Setpoint { motion, torques, asked: acceleration - yielded };
         self.published = Some(setpoint);

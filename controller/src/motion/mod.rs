@@ -4,5 +4,7 @@ pub mod caution;
 pub mod disturbance;
 pub mod generator;
 pub mod limits;
+pub mod load;
 pub mod profile;
+pub mod servo;
 pub mod tracking;

@@ -8,6 +8,7 @@ use tprmp_rmpflow::leaves::{ApproachFunnel, Barrier, JointDamping, PoseAttractor
 use tprmp_robot::Selection;
 
 use crate::controller_config::check::Check;
+use crate::controller_config::drives::{Actuators, Disturbance, Impedance};
 use crate::controller_config::leaves::{
     Collision, External, Lift, PostureLeaf, SelfCollision, SkillLeaf,
 };
@@ -43,6 +44,8 @@ pub struct Robot {
     pub control_points: Option<Vec<ControlPoint>>,
     /// Gravity in the base frame \[m/s²\].
     pub gravity_m_s2: [f64; 3],
+    /// What the robot makes of a command.
+    pub actuators: Actuators,
     /// Largest joint accelerations \[rad/s² or m/s²\].
     pub acceleration_max: Vec<f64>,
     /// Largest changes of the joint accelerations \[rad/s³ or m/s³\].
@@ -123,31 +126,6 @@ pub struct FrameObserver {
     pub linear_acceleration_max_m_s2: f64,
     /// Largest angular acceleration believed \[rad/s²\].
     pub angular_acceleration_max_rad_s2: f64,
-}
-
-/// The impedance with which the policy's acceleration is tracked  [thesis section 4.4].
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Impedance {
-    /// Stiffness towards the integrated position \[1/s²\].
-    pub stiffness_1_s2: f64,
-    /// Damping towards the integrated velocity \[1/s\].
-    pub damping_1_s: f64,
-    /// Time constant with which the integrated state approaches the measured one \[s\].
-    pub reference_time_constant_s: f64,
-}
-
-/// How fast a push may move the joints. A joint that is disturbed resists once the push would drive it
-/// beyond this speed; up to there the impedance yields.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Disturbance {
-    /// Fraction of the permitted speed that a push may cause.
-    pub speed_fraction: f64,
-    /// How far the disturbance is thought to go on \[s\].
-    pub horizon_s: f64,
-    /// Time constant of the observer, about the time from a command to the state that shows it \[s\].
-    pub time_constant_s: f64,
 }
 
 /// How the arm stops and starts.
@@ -359,6 +337,7 @@ impl Robot {
         let gravity = &self.gravity_m_s2;
         let is_finite = gravity.iter().all(|g| g.is_finite());
         check.require(is_finite, "gravity_m_s2", "three finite numbers", gravity);
+        check.within("actuators", |check| self.actuators.check(count, check));
         check.fraction("velocity_fraction", self.velocity_fraction);
         check.fraction("effort_fraction", self.effort_fraction);
         check.not_negative("position_margin", self.position_margin);
@@ -401,25 +380,6 @@ impl FrameObserver {
         check.positive("time_constant_s", self.time_constant_s);
         check.not_negative("linear_acceleration_max_m_s2", self.linear_acceleration_max_m_s2);
         check.not_negative("angular_acceleration_max_rad_s2", self.angular_acceleration_max_rad_s2);
-    }
-}
-
-impl Impedance {
-    fn check(&self, check: &mut Check) {
-        check.not_negative("stiffness_1_s2", self.stiffness_1_s2);
-        check.not_negative("damping_1_s", self.damping_1_s);
-        // The longest step of the loop is 0.02 s: below a fourth of it the reference would oscillate.
-        let time = &self.reference_time_constant_s;
-        let expected = "at least 0.005 seconds";
-        check.require((0.005..=1e6).contains(time), "reference_time_constant_s", expected, time);
-    }
-}
-
-impl Disturbance {
-    fn check(&self, check: &mut Check) {
-        check.fraction("speed_fraction", self.speed_fraction);
-        check.positive("horizon_s", self.horizon_s);
-        check.positive("time_constant_s", self.time_constant_s);
     }
 }
 
