@@ -13,6 +13,8 @@ from sim_bridge.experiments.scenarios import GOALS
 PICKED_MIN = {"pick": 0.98, "panda": 0.95, "iiwa": 0.95}
 PLAIN = "torque, torque"
 """The case of the joints without anything."""
+JOINTS_MIN = {"friction told wrong": 0.9}
+"""Told of a fifth more than a friction of a fifth of the effort, an arm swings about its goal."""
 DELAY_AT_S, DELAY_MAX_S = 0.1, 0.5
 REPORTED = ("blocked", "unreachable")
 # A goal that jumps is always on its way; the robot may reach behind its base.
@@ -75,9 +77,9 @@ def _requirements(experiment: str, rows: list[dict]) -> Iterator[tuple[str, str,
 def _joints(rows: list[dict]) -> Iterator[tuple[str, str, bool]]:
     for kind in dict.fromkeys(row["kind"] for row in rows):
         own = [row for row in rows if row["kind"] == kind]
-        good = sum(row["exact"] for row in own)
-        must = f"every case picked within 3 mm and 1° ({kind})"
-        yield must, _fraction(good, len(own)), good == len(own)
+        good, least = sum(row["exact"] for row in own), JOINTS_MIN.get(kind, 1.0)
+        must = f"at least {100.0 * least:g} % picked within 3 mm and 1° ({kind})"
+        yield must, _fraction(good, len(own)), good >= least * len(own)
     plain = next((row["gripped_at_s"] for row in rows if row["label"] == PLAIN), None)
     lags = [row for row in rows if row["settings"]["joints"]["servo_lag_s"] == DELAY_AT_S]
     if plain is not None and lags:
