@@ -8,6 +8,7 @@ pub mod arm;
 pub mod commands;
 pub mod control;
 pub mod cycle;
+pub mod detail;
 pub mod inputs;
 pub mod motion;
 pub mod outbox;

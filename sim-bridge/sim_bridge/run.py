@@ -41,6 +41,7 @@ from sim_bridge.messages import (
     Reason,
     RobotState,
     TaskFrames,
+    joint_names_hash,
     write_name,
 )
 from sim_bridge.poses import Array, quaternion_from_rotation
@@ -111,7 +112,8 @@ class Publication:
     def __init__(self, world: World, start_frame: str, goal_frame: str) -> None:
         self.world = world
         self.frames = TaskFrames(frame_count=2, obstacle_count=2)
-        self.state = RobotState(joint_count=len(world.joints))
+        names = world.chain.joint_names
+        self.state = RobotState(joint_count=len(names), joint_names_hash=joint_names_hash(names))
         x_start = world.tool_pose()
         start, goal = self.frames.frames[0], self.frames.frames[1]
         write_name(start, start_frame)

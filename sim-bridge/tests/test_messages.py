@@ -15,7 +15,7 @@ CONTROLLER = ROOT / "target" / "release" / "controller"
 @pytest.mark.parametrize(
     ("name", "size"),
     [
-        ("RobotState", 224),
+        ("RobotState", 232),
         ("Frame", 136),
         ("Obstacle", 136),
         ("TaskFrames", 5464),

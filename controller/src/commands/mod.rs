@@ -6,5 +6,6 @@ pub mod ctl;
 pub mod monitor;
 pub mod overrides;
 pub mod run;
+pub mod sentences;
 pub mod soak;
 pub mod top;
