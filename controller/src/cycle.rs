@@ -26,6 +26,7 @@ use crate::motion::limits::JointLimits;
 use crate::outbox::Outbox;
 use crate::peers::Peers;
 use crate::policy::{Decision, Retreat, RobotPolicy, TaskParameters, Workspace};
+use crate::task::rounds::RoundCounter;
 use crate::task::stall::{Progress, StallDetector};
 use crate::task::state::{Remaining, TaskState};
 use crate::telemetry::{RunOutcome, Telemetry, TickRecord, TickTimes};
@@ -47,6 +48,7 @@ pub struct Cycle<const N: usize> {
     workspace: Workspace<N>,
     task: TaskState,
     stall: StallDetector,
+    rounds: RoundCounter,
     motion: MotionGenerator<N>,
     /// Why the arm is being brought to rest. The policy is not followed before it rests.
     braking_for: Option<Reason>,
@@ -97,6 +99,7 @@ impl<const N: usize> Cycle<N> {
             workspace,
             task,
             stall: StallDetector::default(),
+            rounds: RoundCounter::default(),
             motion: MotionGenerator::new(limits, config),
             braking_for: None,
             lasts: false,
@@ -168,6 +171,8 @@ impl<const N: usize> Cycle<N> {
             life_cycle: self.task.life_cycle(),
             states_lost: self.inbox.states_lost(),
             mode: self.shared.status.mode(),
+            rounds: self.rounds.report(),
+            slowed: *self.motion.slowed(),
             allocations: self.peers.allocations(),
             connections: self.peers.connections(),
             page_faults,
@@ -274,8 +279,12 @@ impl<const N: usize> Cycle<N> {
             let value = match setting {
                 Setting::LinearMax => &mut self.policy.governor().linear_max_m_s,
                 Setting::AngularMax => &mut self.policy.governor().angular_max_rad_s,
-                Setting::Stiffness => &mut self.motion.impedance().stiffness_1_s2,
-                Setting::Damping => &mut self.motion.impedance().damping_1_s,
+                Setting::NaturalFrequency => &mut self.motion.impedance().natural_frequency_rad_s,
+                Setting::DampingRatio => &mut self.motion.impedance().damping_ratio,
+                Setting::PointSpeedMax => {
+                    let Some(limits) = self.motion.point_limits() else { continue };
+                    &mut limits.speed_max_m_s
+                }
             };
             *value += (target - *value) * fraction;
         }
@@ -396,7 +405,9 @@ impl<const N: usize> Cycle<N> {
             external.advance(now_ns, dt);
         }
         let parameters = parameters(&self.inbox, dt);
-        let (q, qd) = (&state.position, &state.velocity);
+        // Where the arm will be, at the time at which the frames are seen.
+        let ahead = self.motion.ahead(state);
+        let (q, qd) = (&ahead.position, &ahead.velocity);
         let decision = self
             .policy
             .evaluate(q, qd, &self.task.task(), &parameters, &mut self.workspace)
@@ -417,6 +428,7 @@ impl<const N: usize> Cycle<N> {
         let (life_cycle, remaining) =
             self.task.advance(gripper, &decision.tool, &decision.goal, now_ns, dt);
         self.outbox.set_remaining(&remaining, decision.energy);
+        self.rounds.update(decision.rounds, remaining.distance_m, dt);
         let gripping = self.task.gripper() == GripperCommand::Grip;
         self.shared.task.store(gripping, self.task.lift_goal());
         Ok(self.detect_stall(state, life_cycle, &remaining, &decision, dt))

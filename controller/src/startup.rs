@@ -364,7 +364,8 @@ pub fn replacement<const N: usize>(
     });
     let task = &skills[0].model;
     let goal_frame = usize::from(task.goal_frame != task.start_frame);
-    let scene = Scene::new(names.collect(), goal_frame);
+    let ahead_s = config.robot.actuators.lag_s();
+    let scene = Scene::new(names.collect(), goal_frame).seen_ahead(ahead_s);
     Ok(Replacement { workspace: policy.workspace(), policy, scene })
 }
 
@@ -411,6 +412,11 @@ pub fn check_names(config_path: &Path, config: &ControllerConfig) -> Result<(), 
         let keys = Setting::ALL.map(Setting::key).join(", ");
         let expected = format!("keys among {keys}");
         return Err(StartError::key(config_path, "supervision.settable", expected, key));
+    }
+    let speed = Setting::PointSpeedMax.key();
+    if settable.contains_key(speed) && config.robot.point_limits.is_none() {
+        let expected = "limits, since `supervision.settable` names its speed";
+        return Err(StartError::key(config_path, "robot.point_limits", expected, "None"));
     }
     Ok(())
 }

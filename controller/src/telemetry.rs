@@ -7,8 +7,10 @@ use serde_json::{Value, json};
 use tprmp_messages::{LifeCycle, Reason};
 
 use crate::detail::{Detail, SharedDetail, Snapshot, explain};
+use crate::motion::caution::Slowed;
 use crate::peers::Connections;
 use crate::skill_leaf::Choice;
+use crate::task::rounds::RoundsReport;
 use crate::timing::realtime::PageFaults;
 
 /// Longest time the histograms resolve \[ns\].
@@ -120,6 +122,10 @@ pub struct RunOutcome {
     pub connections: Connections,
     /// In which mode the task's skill was done, where it has several.
     pub mode: Option<ModeReport>,
+    /// How a periodic skill went round; `None` for one that goes to a goal.
+    pub rounds: Option<RoundsReport>,
+    /// In how many ticks limits of what is near, of points and of power have slowed the arm down.
+    pub slowed: Slowed,
     /// Page faults inside the loop, `None` where the system does not say.
     pub page_faults: Option<PageFaults>,
 }
@@ -340,10 +346,21 @@ impl Telemetry {
                 "free": mode.free,
                 "distance_mm": mode.distance_mm,
             })),
+            "rounds": outcome.rounds.map(|rounds| json!({
+                "done": rounds.done,
+                "period_s": rounds.last.map(|last| last.period_s),
+                "beside_max_mm": rounds.last.map(|last| 1e3 * last.beside_max_m),
+            })),
             "ticks": self.ticks,
             "deadline_misses": self.deadline_misses,
             "skipped_periods": self.skipped_periods,
             "states_lost": outcome.states_lost,
+            "slowed_ticks": {
+                "clearance": outcome.slowed.clearance,
+                "point_speed": outcome.slowed.point_speed,
+                "point_acceleration": outcome.slowed.point_acceleration,
+                "power": outcome.slowed.power,
+            },
             "allocations": outcome.allocations,
             "connections": {
                 "count": outcome.connections.count,
@@ -415,7 +432,9 @@ mod tests {
     use super::*;
 
     const RUNNING: RunOutcome = RunOutcome {
+        slowed: Slowed { clearance: 0, point_speed: 0, point_acceleration: 0, power: 0 },
         mode: None,
+        rounds: None,
         states_lost: 0,
         life_cycle: LifeCycle::Running,
         allocations: 0,
@@ -446,9 +465,11 @@ mod tests {
         connections.add(37, 45_000);
         connections.add(20, 15_000);
         let outcome = RunOutcome {
+            slowed: Slowed { clearance: 3, ..Slowed::default() },
             states_lost: 7,
             life_cycle: LifeCycle::Done,
             mode: None,
+            rounds: None,
             allocations: 3,
             connections,
             page_faults: Some(PageFaults { minor: 2, major: 1 }),

@@ -16,7 +16,7 @@ use tprmp_messages::{
     Frame, Obstacle, ObstacleKind, Reason, RobotState, TaskFrames, ToolCommand, name_bytes,
 };
 use tprmp_model::controller_config::{self, ControllerConfig};
-use tprmp_robot::Chain;
+use tprmp_robot::{Chain, Kinematics, forward_kinematics_with_velocity};
 
 const N: usize = 6;
 type Joints = SVector<f64, N>;
@@ -181,8 +181,8 @@ proptest! {
             config.joint_damping.damping_1_s = gains[3];
             config.external.as_mut().unwrap().linear_inertia_kg = gains[6];
             config.external.as_mut().unwrap().response_1_s = gains[7];
-            config.impedance.stiffness_1_s2 = gains[4];
-            config.impedance.damping_1_s = gains[5];
+            config.impedance.natural_frequency_rad_s = gains[4].sqrt();
+            config.impedance.damping_ratio = 0.5 * gains[5] / gains[4].sqrt();
         };
         let loaded = startup::load_with(&config_path, edit, &[model], false).unwrap();
         let (chain, points) = startup::robot::<N>(&config_path, &loaded.config).unwrap();
@@ -279,6 +279,37 @@ proptest! {
             (state.position, state.velocity) = (setpoint.motion.position, setpoint.motion.velocity);
         }
         prop_assert!(fastest > 0.0);
+    }
+
+    /// However hard the joints are driven, no joint's origin and not the tool gets faster than the points may.
+    #[test]
+    fn no_point_is_faster_than_points_may_be(
+        start in prop::array::uniform6(0.2..=0.8_f64),
+        wanted in prop::collection::vec(joints(300.0), 1..8),
+        speed_max_m_s in prop_oneof![Just(0.25), Just(1.5), 0.25..2.0_f64],
+        dt in prop_oneof![Just(1e-3), 1e-3..4e-3_f64],
+    ) {
+        let (mut config, chain) = shipped();
+        config.robot.point_limits.as_mut().unwrap().speed_max_m_s = speed_max_m_s;
+        let limits = JointLimits::new(&chain, &config.robot);
+        let mut motion = MotionGenerator::new(limits, &config);
+        let range = limits.position_upper - limits.position_lower;
+        let position = limits.position_lower + range.component_mul(&Joints::from(start));
+        let mut state = JointState { position, velocity: Joints::zeros() };
+        let mut kinematics = Kinematics::new();
+        for wanted in &wanted {
+            for _ in 0..(0.3 / dt) as usize {
+                let setpoint = motion.follow(&chain, &state, wanted, 0.0, dt).unwrap();
+                (state.position, state.velocity) = (setpoint.motion.position, setpoint.motion.velocity);
+                forward_kinematics_with_velocity(&chain, &state.position, &state.velocity, &mut kinematics);
+                let joints = kinematics.joint_velocities().map(|twist| twist.linear.length());
+                let fastest = joints.fold(kinematics.tool_velocity.linear.length(), f64::max);
+                prop_assert!(fastest <= speed_max_m_s, "{fastest} of {speed_max_m_s} m/s");
+            }
+        }
+        // It is not stopped either.
+        let slowed = motion.slowed();
+        prop_assert!(slowed.point_speed == 0 || state.velocity.amax() > 0.0);
     }
 
     #[test]

@@ -146,7 +146,7 @@ fn a_gripper_channel_comes_back_and_what_is_wrong_with_it_is_named() {
     refused(&with(&words("null")), &["gripper[0]", "null"]);
     refused(&with(&words("1")), &["expected a string"]);
     for (bad, said) in [
-        ("-0.01", "from 0 to 10 m, found -0.01"),
+        ("-0.01", "from 0 to 1 m, found -0.01"),
         ("80", "are these millimetres?"),
         ("null", "finite number"),
         ("NaN", "finite number"),

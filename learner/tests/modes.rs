@@ -236,6 +236,18 @@ fn a_model_of_modes_is_written_read_printed_and_drawn() {
     let written = tprmp_learner::plot::plot(&path, &demonstrated, &out).unwrap();
     let named = |name: &str| written.iter().any(|path| path.ends_with(name));
     assert!(named("modes.svg") && named("mode-2-alignment.svg") && named("index.html"));
+    // The same mode again is refused.
+    for (again, key, first) in
+        [(0, "other_modes[0]", "the first mode"), (1, "other_modes[1]", "other_modes[0]")]
+    {
+        let mut twice = read.clone();
+        let mut mode = if again == 0 { read.clone() } else { read.other_modes[0].clone() };
+        mode.other_modes.clear();
+        twice.other_modes.insert(again, mode);
+        let refused = skill_model::write(&twice, &path).unwrap_err().to_string();
+        let told = format!("found {first} again");
+        assert!(refused.contains(key) && refused.contains(&told), "{refused}");
+    }
     // What does not belong together is refused.
     let mut other = read.clone();
     other.other_modes[0].goal_frame = "elsewhere".into();

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::rounds::{PERIOD_S, Shape, all, periodic, recorded, stirring, wiping};
+use common::rounds::{PERIOD_S, Shape, all, clean, periodic, recorded, stirring, wiping};
 use common::{Folder, arcs, skill, skill_text};
 use glam::{DQuat, DVec3};
 use tprmp_learner::certify::policy::{Body, LearnedPolicy, MotionPolicy};
@@ -217,13 +217,17 @@ fn a_periodic_model_that_is_not_what_it_claims_is_refused() {
     let error = skill_model::verify(&model, &model.policy().unwrap(), &path).unwrap_err();
     assert!(error.to_string().contains("falls all along a round"), "{error}");
     type Edit = fn(&mut skill_model::SkillModel);
-    let edits: [(Edit, &str); 6] = [
+    let edits: [(Edit, &str); 10] = [
         (|m| field(m).fall_per_round = None, "fall_per_round"),
         (|m| field(m).fall_per_round = Some(-1.0), "fall_per_round"),
         (|m| field(m).components.swap(0, 1), "components[1].mean"),
         (|m| field(m).phase_width = 0.3, "components"),
         (|m| m.certificate.cycle = None, "certificate.cycle"),
         (|m| m.motion = skill_model::Motion::Discrete, "certificate.cycle"),
+        (|m| m.motion = skill_model::Motion::Periodic { period_s: 2.0 }, "motion.period_s"),
+        (|m| m.certificate.cycle.as_mut().unwrap().demonstrated_period_s *= 1.01, "period_s"),
+        (|m| m.certificate.cycle.as_mut().unwrap().period_s = 9.0, "certificate.cycle.period_s"),
+        (|m| m.fit.duration_s = 9.0, "fit.duration_s"),
     ];
     for (edit, key) in edits {
         let mut model = trained.model.clone();
@@ -283,4 +287,113 @@ fn what_a_periodic_skill_cannot_have_is_refused_in_its_file() {
         let error = skill.clone().with_components(count).unwrap_err();
         assert!(error.contains("copies in the rounds before and after"), "{error}");
     }
+}
+
+/// However many rounds a recording has, its period is found: 30 minutes of them, too.
+#[test]
+fn many_rounds_in_one_recording_have_the_period_of_one() {
+    for rounds in [60_u16, 130, 190, 600] {
+        let many = clean(0, |at| wiping(at).position, f64::from(rounds), PERIOD_S);
+        let learned = learn(&periodic(skill("planar.ron")), &[many], 1).unwrap();
+        assert_learned(&learned, &[u32::from(rounds)]);
+        let period_s = learned.model.motion.period_s().unwrap();
+        assert!((period_s / PERIOD_S - 1.0).abs() < 0.01, "{rounds}: {period_s}");
+    }
+}
+
+#[test]
+fn fast_rounds_keep_their_size_and_their_period() {
+    let place = |at: f64, x: f64, twice: f64| {
+        let (sin, cos) = (std::f64::consts::TAU * at).sin_cos();
+        DVec3::new(x * cos, x * sin * (1.0 + twice * (cos - 1.0)), 0.0)
+    };
+    for (radius_m, eight) in [(0.025, 0.0), (0.1, 0.0), (0.025, 1.0), (0.1, 1.0)] {
+        for period_s in [0.4, 0.7, 1.1, 1.6] {
+            let file = |i, rounds| clean(i, |at| place(at, radius_m, eight), rounds, period_s);
+            let all = [file(0, 8.0), file(1, 5.3)];
+            let learned = learn(&periodic(skill("planar.ron")), &all, 1).unwrap();
+            let certificate = &learned.model.certificate;
+            let cycle = certificate.cycle.as_ref().unwrap();
+            let told = format!("{radius_m} {eight} {period_s}: {cycle:?}");
+            assert!(certificate.holds(), "{told} {:?}", certificate.failures);
+            assert_eq!(cycle.rounds, [8, 5]);
+            assert!((cycle.period_s / period_s - 1.0).abs() < 0.05, "{told}");
+            for row in &learned.model.fit.demonstrations {
+                assert!(row.path_rms_m < 0.02 * 2.0 * radius_m, "{told} {row:?}");
+            }
+            let slowly = learned.warnings.iter().find(|text| text.contains("slow motion"));
+            assert!(slowly.unwrap().contains("`fit.damping_1_s`"), "{:?}", learned.warnings);
+        }
+    }
+}
+
+/// Several recordings of one round each are rounds, though none comes again; one alone is not.
+#[test]
+fn one_closed_round_a_file_is_learned_from_several_files() {
+    let skill = periodic(skill("planar.ron"));
+    let files = |rounds: &[f64]| -> Vec<_> {
+        let one =
+            |(i, rounds): (usize, &f64)| clean(i, |at| wiping(at).position, *rounds, PERIOD_S);
+        rounds.iter().enumerate().map(one).collect()
+    };
+    assert_learned(&learn(&skill, &files(&[1.0, 1.0]), 1).unwrap(), &[1, 1]);
+    assert_learned(&learn(&skill, &files(&[1.0, 1.03, 0.985, 1.06]), 1).unwrap(), &[1, 1, 1, 1]);
+    let alone = learn(&skill, &files(&[1.0]), 1).unwrap_err().to_string();
+    for part in ["clean_00.json", "1 complete round", "at least 2", "further files"] {
+        assert!(alone.contains(part), "{alone}");
+    }
+    let open = learn(&skill, &files(&[0.7, 0.7]), 1).unwrap_err().to_string();
+    for part in ["clean_00.json", "does not come again", "one closed round each"] {
+        assert!(open.contains(part), "{open}");
+    }
+}
+
+#[test]
+fn rounds_that_drift_and_files_beside_the_others_are_named_with_how_far() {
+    let skill = periodic(skill("planar.ron"));
+    let wiped = |i: usize, moved: DVec3, each: DVec3, rounds: f64| {
+        let shape = move |at: f64| wiping(at).position + moved + each * at;
+        clean(i, shape, rounds, PERIOD_S)
+    };
+    let millimetres = |text: &str, after: &str| -> f64 {
+        let (_, rest) = text.split_once(after).unwrap_or_else(|| panic!("{text}"));
+        rest.split_whitespace().next().unwrap().parse().unwrap()
+    };
+    let still = |i, rounds| wiped(i, DVec3::ZERO, DVec3::ZERO, rounds);
+    for drift_mm in [10.0, 15.0, 30.0] {
+        let drift = DVec3::new(1e-3 * drift_mm, 0.0, 0.0);
+        let drifts = wiped(1, DVec3::ZERO, drift, 6.0);
+        for all in [vec![still(0, 4.0), drifts.clone(), still(2, 4.0)], vec![drifts.clone()]] {
+            let error = learn(&skill, &all, 1).map(|_| drift_mm).unwrap_err().to_string();
+            assert!(error.contains("clean_01.json") && error.contains("in `end`"), "{error}");
+            let found = millimetres(&error, "its rounds move by ");
+            assert!((found / drift_mm - 1.0).abs() < 0.2, "{error}");
+        }
+    }
+    // What a hand moves by is no drift.
+    let moves = wiped(1, DVec3::ZERO, DVec3::new(0.002, 0.0, 0.0), 4.0);
+    learn(&skill, &[still(0, 4.0), moves], 1).unwrap();
+    for beside in [DVec3::new(0.05, 0.03, 0.0), DVec3::new(0.0, -0.4, 0.0)] {
+        for rounds in [3.0, 1.1] {
+            let mut all = vec![still(0, 4.0), wiped(1, beside, DVec3::ZERO, rounds), still(2, 2.5)];
+            all[1].name = "beside.json".into();
+            let error = learn(&skill, &all, 1).unwrap_err().to_string();
+            assert!(error.contains("beside.json") && error.contains("others in `end`"), "{error}");
+            let found = millimetres(&error, "runs ");
+            assert!((found - 1e3 * beside.length()).abs() < 4.0, "{error}");
+        }
+    }
+}
+
+#[test]
+fn the_shipped_periodic_skill_is_learned() {
+    let trained =
+        train(&common::skill_file("wipe.ron"), Components::Count(10), 1, &mut |_| {}).unwrap();
+    let certificate = &trained.model.certificate;
+    assert!(certificate.holds(), "{:?}", certificate.failures);
+    let cycle = certificate.cycle.as_ref().unwrap();
+    assert_eq!(cycle.rounds, [3, 4, 2, 3]);
+    assert!((cycle.period_s / cycle.demonstrated_period_s - 1.0).abs() < 0.05, "{cycle:?}");
+    assert!(cycle.beside_max_m < 4e-3, "{cycle:?}");
+    assert!(trained.warnings.is_empty(), "{:?}", trained.warnings);
 }

@@ -11,16 +11,19 @@ import signal
 import sys
 from dataclasses import fields
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from sim_bridge.errors import BridgeError
 from sim_bridge.files import StandardStreams, printable
+
+if TYPE_CHECKING:
+    from sim_bridge.joints import Joints
 
 PYTHON_MIN = (3, 9)
 PYTHON_END = (3, 12)
 
 _DESCRIPTION = """\
-Simulates a UR5 with a suction cup, a moving box and a moving sphere in pybullet, publishes its
+Simulates a UR5 with a suction cup, a moving box and a moving sphere, publishes its
 state to a controller over shared memory, and applies the controller's commands.
 
   1. sim-bridge record   demonstrates the skill: a scripted expert picks the box, recorded as files
@@ -120,7 +123,51 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
         metavar="FILE",
         help="with --lockstep: writes the raw bytes of all commands, one after the other",
     )
+    _add_joints(parser)
     _add_force(parser, "another run's files")
+
+
+def _add_joints(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("joints as real arms have them, with --simulator mujoco")
+    group.add_argument(
+        "--simulator",
+        choices=("pybullet", "mujoco"),
+        default="pybullet",
+        help="the physics; joints of pybullet's arm have no friction and no rotors "
+        "(default: %(default)s)",
+    )
+    group.add_argument(
+        "--interface",
+        default="torque",
+        metavar="torque|position|velocity",
+        help="which part of a command the arm obeys (default: %(default)s)",
+    )
+    for option, what in (
+        ("--friction", "friction of each joint [N m]"),
+        ("--friction-fraction", "the same, as a fraction of the joint's effort; both are added"),
+        ("--viscous", "friction in proportion to the speed [N m s/rad]"),
+        ("--armature", "inertia of each rotor at its joint [kg m²]"),
+        ("--payload-kg", "mass in the tool that the controller does not know of [kg]"),
+        ("--mass-error", "masses are the description's times one plus this"),
+        ("--servo-lag-s", "time constant of a position or velocity servo [s]"),
+    ):
+        group.add_argument(option, type=float, metavar="X", help=f"{what} (default: none)")
+
+
+def _joints(parsed: argparse.Namespace) -> Joints | None:
+    """Of the arm in MuJoCo; refuses them beside another simulator."""
+    from sim_bridge.joints import Joints
+
+    names = [item.name for item in fields(Joints) if item.name != "interface"]
+    given = {name: getattr(parsed, name) for name in names if getattr(parsed, name) is not None}
+    if parsed.simulator == "mujoco":
+        joints = Joints(parsed.interface, **given)
+        joints.check()
+        return joints
+    if given or parsed.interface != "torque":
+        option = "--" + next(iter(given), "interface").replace("_", "-")
+        raise BridgeError(f"{option} needs --simulator mujoco: pybullet's joints have none of it")
+    return None
 
 
 def _run(parsed: argparse.Namespace) -> int:
@@ -130,6 +177,7 @@ def _run(parsed: argparse.Namespace) -> int:
     scene = load_scene(parsed.scene)
     if parsed.record_commands is not None and not parsed.lockstep:
         raise BridgeError("--record-commands needs --lockstep: only then is every command seen")
+    parsed.joints = _joints(parsed)
     return run(scene, _options(Options, parsed))
 
 

@@ -30,6 +30,7 @@ from sim_bridge.errors import BridgeError
 from sim_bridge.evaluate import evaluate
 from sim_bridge.files import check, write
 from sim_bridge.guard import CommandGuard, counted
+from sim_bridge.joints import Joints
 from sim_bridge.log import LogWriter, check_folder, save
 from sim_bridge.messages import (
     CommandMode,
@@ -45,7 +46,7 @@ from sim_bridge.messages import (
     write_name,
 )
 from sim_bridge.poses import Array, quaternion_from_rotation
-from sim_bridge.scene import Scene, draw_episode
+from sim_bridge.scene import Episode, Scene, draw_episode
 from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
 from sim_bridge.world import World
 
@@ -104,6 +105,8 @@ class Options:
     record_commands: Path | None
     force: bool = False
     """Whether another run's files are replaced."""
+    joints: Joints | None = None
+    """Of the arm in MuJoCo; `None`: the arm in pybullet, which has none of it."""
 
 
 class Publication:
@@ -214,8 +217,7 @@ class Run:
         vacuum = self.guard.gripper == GripperCommand.GRIP
         if self.obeys:
             gravity_cmd = command.gravity_torque[:n]
-            commanded = [t + g for t, g in zip(command.torque[:n], gravity_cmd)]
-            applied = world.apply_torque(commanded)
+            commanded, applied = world.obey(command)
             self.braked_s = 0.0
             self.timing.clamped_steps += applied != commanded
             self.torque_measured = [a - g for a, g in zip(applied, gravity)]
@@ -403,6 +405,15 @@ def sleep_until(deadline_ns: int) -> int:
     return max(0, time.monotonic_ns() - deadline_ns)
 
 
+def open_world(scene: Scene, episode: Episode, joints: Joints | None) -> World:
+    """The world in pybullet, or in MuJoCo where joints are given."""
+    if joints is None:
+        return World(scene, episode)
+    from sim_bridge.mujoco_world import MujocoWorld
+
+    return MujocoWorld(scene, episode, joints)
+
+
 def check_start(world: World) -> None:
     """Refuses an episode whose sphere would swing through the arm at its start."""
     least = world.scene.sphere.start_clearance_min_m
@@ -431,9 +442,10 @@ def run(scene: Scene, options: Options) -> int:
     # What the judgement needs is read first: a missing folder must not cost a whole run.
     grasp = demonstrated_grasp(scene.task.demonstrations, scene.task.goal_frame)
     episode = draw_episode(scene, options.seed)
-    world = World(scene, episode)
+    world = open_world(scene, episode, options.joints)
     try:
-        check_start(world)
+        with world.geometry() as geometry:
+            check_start(geometry)
         this = Run(scene, options, world)
         with (
             StopSignal() as stop,
@@ -500,7 +512,8 @@ def _finish(this: Run, outcome: Outcome, grasp: Array) -> int:
     timing.simulated_s = world.time_s
     timing.real_time_factor = world.time_s / timing.wall_s if timing.wall_s > 0.0 else 0.0
     log = this.log.finish(world.chain)
-    result = evaluate(scene, world, log, grasp)
+    with world.geometry() as geometry:
+        result = evaluate(scene, geometry, log, grasp)
     lateness_ms = 1e3 * log["lateness_s"]
     late = {
         f"lateness_{name}_ms": float(np.percentile(lateness_ms, rank)) if len(lateness_ms) else 0.0
@@ -513,6 +526,7 @@ def _finish(this: Run, outcome: Outcome, grasp: Array) -> int:
         "mode": "lockstep" if options.lockstep else "real time",
         "physics_rate_hz": scene.physics.rate_hz,
         "outcome": outcome.value,
+        "joints": None if options.joints is None else asdict(options.joints),
         "episode": asdict(world.episode),
         "timing": {**asdict(timing), **late},
         "command_faults": {cause.value: count for cause, count in this.guard.counts.items()},

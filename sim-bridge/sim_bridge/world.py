@@ -21,7 +21,7 @@ import numpy as np
 
 from sim_bridge.errors import BridgeError
 from sim_bridge.kinematics import Chain, forward, load_chain
-from sim_bridge.messages import GripperState
+from sim_bridge.messages import GripperState, JointCommand
 from sim_bridge.poses import Array, quaternion_from_rotation, rotation_from_quaternion, rotation_z
 from sim_bridge.scene import Episode, Motion, Scene
 
@@ -84,6 +84,11 @@ class World:
             self._load_bodies(with_sphere)
         self.place_arm(self.home)
         self._place_bodies()
+
+    @contextmanager
+    def geometry(self) -> Iterator[World]:
+        """The world in which distances are measured: this one."""
+        yield self
 
     def close(self) -> None:
         """Disconnects from the physics engine."""
@@ -220,6 +225,12 @@ class World:
             zero = [0.0] * len(self.joints)
             self._drive(pybullet.VELOCITY_CONTROL, list(self.effort_max), targetVelocities=zero)
             self._braked = True
+
+    def obey(self, command: JointCommand) -> tuple[list[float], list[float]]:
+        """Obeys for the next step; gives the torques that were asked for and that act [N m]."""
+        n = len(self.joints)
+        asked = [t + g for t, g in zip(command.torque[:n], command.gravity_torque[:n])]
+        return asked, self.apply_torque(asked)
 
     def apply_torque(self, torque: Sequence[float]) -> list[float]:
         """Torques [N m] for the next step; gives what is left of them within the efforts."""

@@ -114,10 +114,10 @@ fn a_model_is_swapped_and_gains_are_set_in_motion_without_a_step() {
     refused(&place, &["swap-model", &place.path("none.ron")], "cannot be read");
     let robot_file = file("config/controllers/planar.ron");
     refused(&place, &["swap-model", &robot_file], "planar.ron");
-    refused(&place, &["set", "impedance.damping_1_s", "1000"], "expected 10 to 40");
+    refused(&place, &["set", "impedance.damping_ratio", "1000"], "expected 0.5 to 2");
     refused(&place, &["set", "skill.governor.linear_max_m_s", "NaN"], "expected 0.1 to 4.3");
     refused(&place, &["set", "robot.acceleration_max", "1"], "expected one of");
-    accepted(&place, &["set", "impedance.damping_1_s", "30"], "goes to 30");
+    accepted(&place, &["set", "impedance.damping_ratio", "1.5"], "goes to 1.5");
     accepted(&place, &["set", "skill.governor.linear_max_m_s", "0.15"], "goes to 0.15");
     for _ in 0..3000 {
         robot.good();

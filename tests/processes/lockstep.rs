@@ -222,3 +222,33 @@ fn a_skill_of_one_frame_reaches_its_moving_goal() {
         assert_eq!(result["allocations"], 0, "{result}");
     }
 }
+
+#[test]
+fn a_periodic_skill_goes_round_until_the_time_is_over() {
+    let place = Place::new("wipe");
+    let model = place.train("wipe");
+    let mut streams = Vec::new();
+    for seed in ["1", "1", "2"] {
+        let mut bridge = program("planar-sim");
+        bridge.args(["run", "--scene", &file("config/scenes/wipe.json"), "--seed", seed]);
+        let config = file("config/controllers/planar.ron");
+        let controller = place.controller(&config, &model, &["--lockstep"]);
+        let (commands, bridge, said) = beside(&place, controller, &mut bridge);
+        assert!(finite(&commands));
+        let outcome = &json(&place.path("bridge.json"))["outcome"];
+        assert_eq!(outcome, "done", "{}\n{said}", text(&bridge));
+        assert!(bridge.status.success());
+        let report = run(program("planar-sim").args(["report", &place.path("")]));
+        assert!(report.status.success(), "seed {seed}: {}", text(&report));
+        let result = json(&place.path("result.json"));
+        let rounds = &result["rounds"];
+        assert!(rounds["done"].as_u64().unwrap() >= 5, "{result}");
+        let period_s = rounds["period_s"].as_f64().unwrap();
+        assert!((2.0..3.5).contains(&period_s), "{result}");
+        assert!(text(&report).contains("rounds done"), "{}", text(&report));
+        assert!(result["position_error_mm"].is_null() && result["allocations"] == 0, "{result}");
+        streams.push(commands);
+    }
+    assert!(streams[0] == streams[1], "the same seed gave other commands");
+    assert!(streams[0] != streams[2], "another seed gave the same commands");
+}

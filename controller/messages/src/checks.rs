@@ -232,7 +232,7 @@ mod tests {
         assert_eq!(joint_names_hash(&["x_joint", "y_joint"]), HASH_XY);
         assert_ne!(joint_names_hash(&["y_joint", "x_joint"]), HASH_XY);
         assert_ne!(joint_names_hash(&["x_jointy", "_joint"]), HASH_XY);
-        assert_ne!(joint_names_hash::<&str>(&[]), 0);
+        assert_ne!(joint_names_hash(&[""; 0]), 0);
     }
 
     #[test]

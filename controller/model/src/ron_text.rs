@@ -198,7 +198,9 @@ pub(crate) fn entries(text: &str) -> Vec<Entry> {
                 let Some(closed) = open.pop() else { break };
                 let end = before.map_or(0, |token| token.end());
                 if let Some(entry) = closed.entry {
-                    entries[entry].value.end = end;
+                    // A key without a value ends where it would begin.
+                    let value = &mut entries[entry].value;
+                    value.end = end.max(value.start);
                 }
                 let needs_comma = !before.is_some_and(|token| ["(", ","].contains(&token.text));
                 if let Some(owner) = closed.owner

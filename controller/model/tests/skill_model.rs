@@ -476,6 +476,8 @@ fn events_of_the_gripper_are_stored_and_checked() {
     assert_eq!(invalid(|g| g[1].phase = 1.5).0, "gripper[1].phase");
     assert_eq!(invalid(|g| g[0].spread = -0.1).0, "gripper[0].spread");
     assert_eq!(invalid(|g| g[0].time_fraction = f64::INFINITY).0, "gripper[0].time_fraction");
+    let (key, problem) = invalid(|g| g[1].action = g[0].action);
+    assert!(key == "gripper[1].action" && problem.contains("closes twice in a row"), "{problem}");
     assert_eq!(invalid(|g| g[0].demonstrations = 0).0, "gripper[0].demonstrations");
     assert_eq!(invalid(|g| g[0].demonstrations = 99).0, "gripper[0].demonstrations");
     assert_eq!(invalid(|g| g[1].action = GripperAction::WidthM(-0.1)).0, "gripper[1].action");

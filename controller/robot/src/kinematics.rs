@@ -75,6 +75,12 @@ impl<const N: usize> Kinematics<N> {
         self.tool.position
     }
 
+    /// V_BJ of all joint frames, from the base on.
+    #[inline]
+    pub fn joint_velocities(&self) -> impl Iterator<Item = Twist> + '_ {
+        self.joint_motions.iter().map(|motion| motion.velocity)
+    }
+
     /// A_BE = J q̈ + J̇q̇.
     ///
     /// * `q_dd`  joint accelerations q̈, N [rad/s² or m/s²]

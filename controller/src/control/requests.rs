@@ -10,15 +10,23 @@ pub enum Setting {
     LinearMax,
     /// `skill.governor.angular_max_rad_s`
     AngularMax,
-    /// `impedance.stiffness_1_s2`
-    Stiffness,
-    /// `impedance.damping_1_s`
-    Damping,
+    /// `impedance.natural_frequency_rad_s`
+    NaturalFrequency,
+    /// `impedance.damping_ratio`
+    DampingRatio,
+    /// `robot.point_limits.speed_max_m_s`
+    PointSpeedMax,
 }
 
 impl Setting {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::LinearMax, Self::AngularMax, Self::Stiffness, Self::Damping];
+    pub const ALL: [Self; 5] = [
+        Self::LinearMax,
+        Self::AngularMax,
+        Self::NaturalFrequency,
+        Self::DampingRatio,
+        Self::PointSpeedMax,
+    ];
 
     /// Its key in the configuration.
     #[must_use]
@@ -26,8 +34,9 @@ impl Setting {
         match self {
             Self::LinearMax => "skill.governor.linear_max_m_s",
             Self::AngularMax => "skill.governor.angular_max_rad_s",
-            Self::Stiffness => "impedance.stiffness_1_s2",
-            Self::Damping => "impedance.damping_1_s",
+            Self::NaturalFrequency => "impedance.natural_frequency_rad_s",
+            Self::DampingRatio => "impedance.damping_ratio",
+            Self::PointSpeedMax => "robot.point_limits.speed_max_m_s",
         }
     }
 

@@ -11,8 +11,12 @@ use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 #[derive(Debug)]
 pub struct Scene {
     names: Vec<[u8; NAME_CAPACITY]>,
-    /// In the order of the names.
+    /// In the order of the names, as they were announced.
+    announced: Vec<MovingPose>,
+    /// Where they will be.
     frames: Vec<MovingPose>,
+    /// How far ahead everything is seen \[s\].
+    ahead_s: f64,
     goal_frame: usize,
     obstacles: [Obstacle; OBSTACLE_CAPACITY],
     obstacle_count: usize,
@@ -31,7 +35,9 @@ impl Scene {
         assert!(names.len() <= FRAME_CAPACITY && goal_frame < names.len(), "frames of a model");
         let nothing = Obstacle::sphere(DVec3::NAN, 0.0, DVec3::ZERO);
         Self {
+            announced: vec![MovingPose::at_rest(Pose::IDENTITY); names.len()],
             frames: vec![MovingPose::at_rest(Pose::IDENTITY); names.len()],
+            ahead_s: 0.0,
             names,
             goal_frame,
             obstacles: [nothing; OBSTACLE_CAPACITY],
@@ -39,6 +45,13 @@ impl Scene {
             known: false,
             time_ns: None,
         }
+    }
+
+    /// This scene as it will be in `ahead_s` \[s\], when an arm with a lag has come to where it is told to be:
+    /// p′ = p + T ṗ, ṗ′ = ṗ + T p̈. That is the inverse of a lag of first order.
+    #[must_use]
+    pub fn seen_ahead(self, ahead_s: f64) -> Self {
+        Self { ahead_s, ..self }
     }
 
     /// The skill's frames, in its order.
@@ -100,8 +113,14 @@ impl Scene {
             count += 1;
         }
         let elapsed_s = self.time_ns.map(|last| message.time_ns.saturating_sub(last) as f64 * 1e-9);
-        for (frame, now) in self.frames.iter_mut().zip(&now) {
-            *frame = observed(frame, now, elapsed_s, observer);
+        for ((announced, frame), now) in self.announced.iter_mut().zip(&mut self.frames).zip(&now) {
+            *announced = observed(announced, now, elapsed_s, observer);
+            *frame = moved(announced, self.ahead_s);
+        }
+        if self.ahead_s > 0.0 {
+            for obstacle in &mut obstacles[..count] {
+                obstacle.pose = displaced(&obstacle.pose, &obstacle.velocity, self.ahead_s);
+            }
         }
         self.obstacles = obstacles;
         self.obstacle_count = count;
@@ -149,6 +168,26 @@ fn observed(
             angular: rest(angular.clamp_length_max(angular_max)),
         },
         ..*now
+    }
+}
+
+/// A frame after `time_s` \[s\].
+fn moved(frame: &MovingPose, time_s: f64) -> MovingPose {
+    if time_s <= 0.0 {
+        return *frame;
+    }
+    let mut moved = *frame;
+    moved.pose = displaced(&frame.pose, &frame.velocity, time_s);
+    moved.velocity.linear += frame.acceleration.linear * time_s;
+    moved.velocity.angular += frame.acceleration.angular * time_s;
+    moved
+}
+
+/// A pose after `time_s` \[s\] at a constant velocity.
+fn displaced(pose: &Pose, velocity: &Twist, time_s: f64) -> Pose {
+    Pose {
+        position: pose.position + velocity.linear * time_s,
+        orientation: DQuat::from_scaled_axis(velocity.angular * time_s) * pose.orientation,
     }
 }
 
@@ -253,6 +292,25 @@ mod tests {
 
     fn scene() -> Scene {
         Scene::new(["start", "end"].map(|name| name_bytes(name).unwrap()).to_vec(), 1)
+    }
+
+    #[test]
+    fn an_arm_with_a_lag_sees_everything_where_it_will_be() {
+        let mut scene = scene().seen_ahead(0.1);
+        let mut message = message();
+        message.frames[1].linear_velocity = [0.2, 0.0, 0.0];
+        message.frames[1].angular_velocity = [0.0, 0.0, 0.5];
+        message.obstacles[0].linear_velocity = [0.0, 0.3, 0.0];
+        scene.update(&message, &OBSERVER).unwrap();
+        let pose = scene.frames()[1].pose;
+        assert!((pose.position - DVec3::X * 0.02).length() < 1e-12);
+        assert!((pose.orientation - DQuat::from_rotation_z(0.05)).length() < 1e-12);
+        assert!((scene.obstacles()[0].pose.position - DVec3::Y * 0.03).length() < 1e-12);
+        // What was announced is not moved twice.
+        message.time_ns += 2_000_000;
+        scene.update(&message, &OBSERVER).unwrap();
+        assert_eq!(scene.frames()[1].pose, pose);
+        assert_eq!(scene.frames()[1].acceleration.linear, DVec3::ZERO);
     }
 
     #[test]

@@ -23,6 +23,8 @@ pub struct DisturbanceObserver<const N: usize> {
     asked_s: f64,
     /// Whether more was asked since then than the efforts allow: then what was missing is nobody's push.
     saturated: bool,
+    /// What came of the last state, until it was looked at \[s\].
+    fresh_s: Option<f64>,
 }
 
 impl<const N: usize> DisturbanceObserver<N> {
@@ -36,6 +38,7 @@ impl<const N: usize> DisturbanceObserver<N> {
             asked: SVector::zeros(),
             asked_s: 0.0,
             saturated: false,
+            fresh_s: None,
         }
     }
 
@@ -52,20 +55,28 @@ impl<const N: usize> DisturbanceObserver<N> {
         }
         let elapsed_s = time_ns.saturating_sub(before_ns) as f64 * 1e-9;
         let believed = elapsed_s > 0.0 && elapsed_s < GAP_MAX_S && self.asked_s > 0.0;
+        let mut fresh_s = None;
         if !believed {
             self.estimate = SVector::zeros();
         } else if !self.saturated {
             let beside = (velocity - before) / elapsed_s - self.asked / self.asked_s;
             let fraction = elapsed_s / (elapsed_s + self.settings.time_constant_s);
             self.estimate += (beside - self.estimate) * fraction;
+            fresh_s = Some(elapsed_s);
         }
-        *self = Self { estimate: self.estimate, ..Self::new(self.settings) };
+        *self = Self { estimate: self.estimate, fresh_s, ..Self::new(self.settings) };
         self.last = Some((*velocity, time_ns));
     }
 
     /// The arm is not measured any more.
     pub fn forget(&mut self) {
         *self = Self::new(self.settings);
+    }
+
+    /// The disturbance \[rad/s² or m/s²\] and the time between the states that show it \[s\], once for each
+    /// state that can be believed.
+    pub fn take_fresh(&mut self) -> Option<(SVector<f64, N>, f64)> {
+        self.fresh_s.take().map(|elapsed_s| (self.estimate, elapsed_s))
     }
 
     /// Records the accelerations that the torques of this tick, `dt` \[s\], are to cause.
@@ -107,7 +118,7 @@ mod tests {
     use nalgebra::Vector1;
 
     const SETTINGS: Disturbance =
-        Disturbance { speed_fraction: 0.15, horizon_s: 0.01, time_constant_s: 0.002 };
+        Disturbance { speed_fraction: 0.15, horizon_s: 0.01, time_constant_s: 0.002, load: None };
 
     /// A joint that rests is pushed with `push` \[rad/s²\] for 0.2 s; commands act `delay` ticks of 1 ms
     /// late, and states come every 2 ms. Gives the largest speed and that at the end.

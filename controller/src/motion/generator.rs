@@ -3,14 +3,17 @@
 
 use nalgebra::SVector;
 use tprmp_messages::{CommandMode, Reason};
-use tprmp_model::controller_config::{ControllerConfig, Impedance, Stop};
+use tprmp_model::controller_config::{ControllerConfig, Impedance, PointLimits, Stop};
 use tprmp_robot::Chain;
 
 use crate::inputs::estimator::JointState;
+use crate::motion::caution::{Ahead, Caution, Slowed};
 use crate::motion::disturbance::DisturbanceObserver;
 use crate::motion::limits::JointLimits;
+use crate::motion::load::{LoadObserver, Wanted};
 use crate::motion::profile::JointMotion;
-use crate::motion::tracking::{Torques, Tracking};
+use crate::motion::servo::ServoModel;
+use crate::motion::tracking::{Drives, Torques, Tracking};
 
 /// A measured arm slower than this is at rest \[rad/s or m/s\].
 const MEASURED_REST: f64 = 1e-2;
@@ -21,9 +24,6 @@ const NEAR_S: f64 = 0.02;
 const NEAR_REST: f64 = 1e-9;
 /// … and as fast, up to this fraction of the largest speed.
 const NEAR_SPEED: f64 = 0.1;
-/// From where braking would use up this fraction of a clearance on the arm brakes, and wholly where it would use up
-/// all of it.
-const BRAKES_FROM: f64 = 0.6;
 
 /// What a command asks of the joints: finite, within the limits, and a continuation of the last one.
 #[derive(Debug, Clone, Copy)]
@@ -57,11 +57,19 @@ enum MovedBy {
     Others,
 }
 
+/// The impedance, whose reference yields to a servo as the servo's own key says.
+fn impedance(config: &ControllerConfig) -> Impedance {
+    let yields_s = config.robot.actuators.servo().map(|servo| servo.reference_time_constant_s);
+    let mut impedance = config.impedance;
+    impedance.reference_time_constant_s = yields_s.unwrap_or(impedance.reference_time_constant_s);
+    impedance
+}
+
 /// The reference that the arm follows, and what becomes of it when the policy may not be followed.
 #[derive(Debug)]
 pub struct MotionGenerator<const N: usize> {
     limits: JointLimits<N>,
-    tracking: Tracking,
+    tracking: Tracking<N>,
     stop: Stop,
     /// What was published last.
     published: Option<Setpoint<N>>,
@@ -74,6 +82,10 @@ pub struct MotionGenerator<const N: usize> {
     moved_by: Option<MovedBy>,
     fade_s: f64,
     disturbance: Option<DisturbanceObserver<N>>,
+    caution: Caution<N>,
+    load: Option<LoadObserver<N>>,
+    /// Of a servo with a lag.
+    servo: Option<ServoModel<N>>,
 }
 
 impl<const N: usize> MotionGenerator<N> {
@@ -83,7 +95,8 @@ impl<const N: usize> MotionGenerator<N> {
         Self {
             limits,
             tracking: Tracking {
-                impedance: config.impedance,
+                impedance: impedance(config),
+                drives: Drives::new(&config.robot.actuators),
                 gravity_m_s2: config.robot.gravity_m_s2.into(),
             },
             stop: config.stop,
@@ -94,6 +107,9 @@ impl<const N: usize> MotionGenerator<N> {
             moved_by: None,
             fade_s: 0.0,
             disturbance: config.disturbance.map(DisturbanceObserver::new),
+            caution: Caution::new(config.robot.point_limits),
+            load: config.disturbance.and_then(|settings| settings.load).map(LoadObserver::new),
+            servo: ServoModel::new(config.robot.actuators.lag_s()),
         }
     }
 
@@ -103,11 +119,33 @@ impl<const N: usize> MotionGenerator<N> {
         &self.limits
     }
 
+    /// The limits of points of the arm, to be changed smoothly.
+    pub fn point_limits(&mut self) -> Option<&mut PointLimits> {
+        self.caution.limits()
+    }
+
+    /// In how many ticks limits have slowed the arm down.
+    #[must_use]
+    pub fn slowed(&self) -> &Slowed {
+        self.caution.slowed()
+    }
+
     /// Updates with a measured state and its time \[ns\], before [`MotionGenerator::follow`] or
     /// [`MotionGenerator::brake`]; the same one again changes nothing.
     pub fn observe(&mut self, state: &JointState<N>, time_ns: u64) {
         if let Some(disturbance) = &mut self.disturbance {
             disturbance.observe(&state.velocity, time_ns);
+        }
+    }
+
+    /// The arm as it will be when it has come to where it is told to be: after the lag of its servo.
+    #[must_use]
+    pub fn ahead(&self, state: &JointState<N>) -> JointState<N> {
+        match (&self.servo, &self.published) {
+            (Some(servo), Some(last)) if self.tie == Tie::Follows => {
+                servo.ahead(state, &last.motion, &self.limits.position_end)
+            }
+            _ => *state,
         }
     }
 
@@ -148,9 +186,8 @@ impl<const N: usize> MotionGenerator<N> {
         }
     }
 
-    /// Follows the policy's acceleration `wanted` over `dt` \[s\]; after a start or a stop faded in. The faster the
-    /// arm closes clearances, `closing_1_s` \[1/s\], the more it brakes instead: it could stop before any of them is
-    /// used up.
+    /// Follows the policy's acceleration `wanted` over `dt` \[s\]; after a start or a stop faded in. Where
+    /// [`Caution`] says so it brakes instead; the arm closes clearances by `closing_1_s` \[1/s\].
     ///
     /// # Errors
     /// When it is not finite. The caller brakes.
@@ -168,18 +205,24 @@ impl<const N: usize> MotionGenerator<N> {
         if core::mem::take(&mut self.holding) {
             self.fade_s = 0.0;
         }
+        let state = &self.ahead(state);
         let mut motion = self.reference(state);
         let fraction = self.stop.deceleration_fraction;
-        let used = closing_1_s * motion.braking_length_s(&self.limits, fraction);
-        let room = (1.0 - used) / (1.0 - BRAKES_FROM);
-        let fade = (self.fade_s / self.stop.fade_in_s).min(1.0).min(room.clamp(0.0, 1.0));
+        let torque = self
+            .published
+            .map_or_else(SVector::zeros, |last| last.torques.motion + last.torques.gravity);
+        let ahead =
+            Ahead { motion: &motion, closing_1_s, torque, deceleration_fraction: fraction, dt };
+        let left = self.caution.left(chain, &self.limits, &ahead);
+        let fade = (self.fade_s / self.stop.fade_in_s).min(1.0).min(left);
         self.fade_s += dt;
         let brake = motion.braking(&self.limits, fraction, dt);
+        let wanted = self.caution.scaled(chain, &motion, *wanted);
         let faded = self.limits.scaled(&(wanted * fade + brake * (1.0 - fade)));
         // What the limits leave of the yielding is no acceleration that the arm is asked for.
         let mut unyielding = motion;
         unyielding.advance(&faded, &self.limits, dt);
-        let yielding = self.tracking.yielding(&motion, state, dt);
+        let yielding = self.tracking.yielding(&motion, state, dt) * left;
         motion.advance(&(faded + yielding), &self.limits, dt);
         let yielded = motion.acceleration - unyielding.acceleration;
         self.tie = Tie::Follows;
@@ -327,7 +370,7 @@ impl<const N: usize> MotionGenerator<N> {
     }
 
     fn torques(
-        &self,
+        &mut self,
         chain: &Chain<N>,
         state: &JointState<N>,
         motion: &JointMotion<N>,
@@ -337,8 +380,29 @@ impl<const N: usize> MotionGenerator<N> {
             let most = &self.limits.velocity_max;
             disturbance.compensation(&state.velocity, &motion.velocity, most)
         });
+        let load = self.observe_load(chain, state, motion, yielded.is_some());
         let robot = (chain, &self.limits);
-        self.tracking.torques(robot, state, motion, yielded, &compensation)
+        self.tracking.torques(robot, state, motion, yielded, &compensation, &load)
+    }
+
+    /// What cancels the load, after the newest state \[N m or N\].
+    fn observe_load(
+        &mut self,
+        chain: &Chain<N>,
+        state: &JointState<N>,
+        motion: &JointMotion<N>,
+        yields: bool,
+    ) -> SVector<f64, N> {
+        let Self { tracking, disturbance, load, limits, .. } = self;
+        let Some(load) = load else { return SVector::zeros() };
+        let fresh = disturbance.as_mut().and_then(DisturbanceObserver::take_fresh);
+        if let Some((acceleration, elapsed_s)) = fresh {
+            let beside = tracking.inertial(chain, &state.position, &acceleration);
+            let wanted_velocity = &tracking.wanted_velocity(motion, state, yields);
+            let joint = Wanted { velocity: &state.velocity, wanted_velocity };
+            load.advance(&beside, &joint, &limits.effort_max, elapsed_s);
+        }
+        *load.torque()
     }
 
     /// The last stage of every command: it continues the one before. Nothing that is not finite gets out.
@@ -361,6 +425,9 @@ impl<const N: usize> MotionGenerator<N> {
         }
         if let (Some(disturbance), Some(wanted)) = (&mut self.disturbance, &torques.wanted) {
             disturbance.asked(wanted, torques.saturated, dt);
+        }
+        if let Some(servo) = &mut self.servo {
+            servo.advance(&motion, dt);
         }
         let setpoint = Setpoint { motion, torques, asked: acceleration - yielded };
         self.published = Some(setpoint);

@@ -1,4 +1,5 @@
 //! Where the task stands, and whether it makes progress.
 
+pub mod rounds;
 pub mod stall;
 pub mod state;

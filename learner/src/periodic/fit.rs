@@ -20,6 +20,10 @@ const RIDGE: f64 = 1e-5;
 /// Steps of a round at which rounds are compared.
 const AGREEMENT_STEPS: usize = 50;
 
+/// Damping times period: with less a round runs faster than its field can follow, and falls into one that is smaller
+/// and slower.
+const PACE_MIN: f64 = 16.0;
+
 /// A Gaussian over ŷ of position and orientation, and the phase times its length.
 pub(super) struct RoundGaussian {
     phase: f64,
@@ -120,6 +124,27 @@ pub(super) fn agreement(rounds: &Rounds) -> Vec<[f64; 2]> {
         [rms(|round| &round.position, position), rms(|round| &round.rotation, rotation)]
     };
     (0..=AGREEMENT_STEPS).map(at).collect()
+}
+
+/// The settings with which rounds of a period \[s\] can be followed, and how many times faster these are than those of the
+/// skill file: all that is per time goes with them, as if the rounds had been demonstrated slower.
+pub(super) fn in_slow_motion(settings: &FieldSettings, period_s: f64) -> (FieldSettings, f64) {
+    let faster = (PACE_MIN / (settings.damping_1_s * period_s)).max(1.0);
+    let mut own = settings.clone();
+    for rate in [
+        &mut own.damping_1_s,
+        &mut own.tube_attraction_1_s,
+        &mut own.tube_speed_min,
+        &mut own.descent_speed,
+    ] {
+        *rate *= faster;
+    }
+    for stiffness in
+        [&mut own.stiffness_min_1_s2, &mut own.stiffness_max_1_s2, &mut own.goal_hessian_min_1_s2]
+    {
+        *stiffness *= faster * faster;
+    }
+    (own, faster)
 }
 
 /// Fits both fields, side by side.

@@ -3,18 +3,23 @@
 //! 1. a recording is followed along its length, seen from its frame (`trace`), which tells rests and paces apart from
 //!    the path; the length after which it comes again is the period (`recurrence`);
 //! 2. dynamic programming says where of the round each recording is (`tracking`): what goes before and after
-//!    is left out, and what goes round is cut into complete rounds;
-//! 3. the rounds are brought to a common time, closed and smoothed as what has no ends (`rounds`);
+//!    is left out, and what goes round is cut into complete rounds (`laps`); several recordings of one closed round
+//!    each will do as well;
+//! 3. the rounds are brought to a common time (`rounds`), closed, and smoothed by their harmonics (`smoothing`), so that
+//!    the window of smoothing cuts no fast round;
 //! 4. the fields are fitted on the cover of the circle of phases (`fit`), by the convex program of all skills, where
-//!    copies of a component have its parameters, and D, by which the potential falls in a round, is one more;
+//!    copies of a component have its parameters, and D, by which the potential falls in a round, is one more; fast
+//!    rounds are fitted in slow motion: a damping that is small against the pace would not hold the phase;
 //! 5. rollouts have to come to one cycle, from wherever they start (`certificate`).
 //!
 //! The phase of a round rises evenly in time, ṡ = 1/T.
 
 mod certificate;
 mod fit;
+mod laps;
 mod recurrence;
 mod rounds;
+mod smoothing;
 mod trace;
 mod tracking;
 
@@ -39,6 +44,9 @@ use crate::skill::{FitSettings, Skill};
 const PATH_FRACTION_MAX: f64 = 0.03;
 /// … and one by another period than this fraction.
 const PERIOD_FRACTION_MAX: f64 = 0.1;
+
+/// What is learned slower than this is told.
+const SLOW_MOTION: f64 = 1.05;
 
 /// Why there is no model.
 #[derive(Debug, thiserror::Error)]
@@ -89,8 +97,9 @@ pub fn learn(
     let rounds = Rounds::find(skill, demonstrations)?;
     done(0);
     let gaussians = fit::gaussians(skill, &rounds);
+    let (settings, faster) = fit::in_slow_motion(settings, rounds.period_s);
     let (policy, programs) =
-        fit::fit(skill, settings, &rounds, &gaussians, seed).map_err(FitError::from)?;
+        fit::fit(skill, &settings, &rounds, &gaussians, seed).map_err(FitError::from)?;
     let mut model = model(skill, demonstrations, &rounds, seed, (policy, programs));
     (model.gaussians, model.frames) = {
         let (canonical, frame) = fit::stored(skill, &rounds, &gaussians);
@@ -108,6 +117,18 @@ pub fn learn(
     done(3);
     (model.fit.demonstrations, model.certificate) = (rows, certificate);
     let mut warnings = plausibility::warnings(demonstrations);
+    if faster > SLOW_MOTION {
+        warnings.push(format!(
+            "a round lasts {:.2} s, too fast for key `fit.damping_1_s`, {}: it is learned in slow motion, {faster:.1} \
+             times slower, so that the model's damping is {:.1} 1/s and its stiffness {:.0} times the skill file's; the robot has to accelerate \
+             the tool by up to {:.1} m/s²",
+            rounds.period_s,
+            settings.damping_1_s / faster,
+            settings.damping_1_s,
+            faster * faster,
+            rounds.acceleration_max_m_s2()
+        ));
+    }
     warnings.extend(self::warnings(skill, demonstrations, &rounds, &model));
     Ok(Learned { model, warnings, samples: rounds.all.len() * rounds.phases.len(), times })
 }
@@ -167,12 +188,6 @@ fn warnings(
         warnings.push(format!(
             "`{}` says what the gripper does, which is left out of a periodic skill",
             with.name
-        ));
-    }
-    if rounds.period_s * 0.5 < skill.smoothing.window_s {
-        warnings.push(format!(
-            "key `smoothing.window_s` is {} s, and a round lasts {:.2} s only: its path is smoothed away",
-            skill.smoothing.window_s, rounds.period_s
         ));
     }
     warnings.extend(reduced(&model.fit.programs));

@@ -10,24 +10,22 @@ use crate::alignment::rest::DemonstrationError;
 use crate::canonical::ANGLE_MAX_RAD;
 use crate::canonical::means::mean_orientation;
 use crate::canonical::path::Path;
-use crate::canonical::savitzky_golay::smooth;
 use crate::canonical::scales::{scales, span};
 use crate::demonstration::Demonstration;
-use crate::periodic::recurrence::{PLACES, Recurrence};
-use crate::periodic::trace::{Feature, Trace, Units, seen};
-use crate::periodic::tracking::{Lap, Track};
+use crate::periodic::laps::laps;
+use crate::periodic::recurrence::PLACES;
+use crate::periodic::smoothing::smooth_round;
+use crate::periodic::trace::seen;
+use crate::periodic::tracking::Lap;
 use crate::skill::Skill;
 
 /// Fewest and most samples of a round, …
 const SAMPLES: [f64; 2] = [120.0, 300.0];
 /// … and about the most of all, so that a fit of many takes seconds.
 const SAMPLES_IN_ALL: f64 = 6000.0;
-/// Fewest rounds in all.
-const ROUNDS_MIN: usize = 2;
-/// How often the mean round and where recordings are on it are found anew.
-const REFINED: usize = 2;
-/// So many recordings that come again are tried as what all follow.
-const TRIED: usize = 8;
+
+/// Of all complete rounds so many are fitted, evenly spread over each demonstration, and one of each at least.
+const FITTED: usize = 50;
 
 /// A round in canonical coordinates, which are those of the frame; the rotation vector is that from the mean
 /// orientation. It is closed: its end is its beginning.
@@ -46,7 +44,7 @@ pub(super) struct Round {
 
 /// All rounds of all demonstrations, at the same phases.
 pub(super) struct Rounds {
-    /// At least two.
+    /// Those that are fitted; at least two.
     pub all: Vec<Round>,
     /// How many each demonstration has; at least one.
     pub counts: Vec<u32>,
@@ -68,8 +66,8 @@ impl Rounds {
     /// Finds the rounds of demonstrations.
     ///
     /// # Errors
-    /// [`DemonstrationError`]: none comes again, one has no complete round, there is one round in all, or one is
-    /// rotated by almost 180° against the mean.
+    /// [`DemonstrationError`]: none comes again, one has no complete round, drifts or runs beside the others, there is
+    /// one round in all, or one is rotated by almost 180° against the mean.
     pub(super) fn find(
         skill: &Skill,
         demonstrations: &[Demonstration],
@@ -80,6 +78,7 @@ impl Rounds {
             .map(|i| laps.iter().filter(|lap| lap.recording == i).count() as u32)
             .collect();
         let common = CommonRound::new(skill, demonstrations, &laps);
+        let laps = spread(laps, &counts);
         let per_sample = |lap: &Lap| &demonstrations[lap.recording];
         let shortest =
             laps.iter().map(|lap| per_sample(lap).sampling_time_s).fold(f64::MAX, f64::min);
@@ -96,8 +95,8 @@ impl Rounds {
             let demonstration = &demonstrations[lap.recording];
             let charted = charted(demonstration, poses, &centre)?;
             let begin = common.phase(lap.first as f64);
-            let dt = common.period_s / count as f64;
-            let smoothed = |points: Vec<DVec3>| smooth_round(skill, points, begin, dt);
+            let period_s = common.period_s;
+            let smoothed = |points: Vec<DVec3>| smooth_round(skill, points, begin, period_s);
             let [position, rotation] = charted.map(smoothed);
             all.push(Round {
                 demonstration: lap.recording,
@@ -132,6 +131,12 @@ impl Rounds {
         FrameMap::new(&[anchor], self.centre, true).expect("there is one frame")
     }
 
+    /// Largest acceleration of the rounds [m/s²].
+    pub(super) fn acceleration_max_m_s2(&self) -> f64 {
+        let all = self.all.iter().flat_map(|round| &round.position.accelerations);
+        all.map(|a| a.length()).fold(0.0, f64::max)
+    }
+
     /// The mean round as poses seen from the frame.
     pub(super) fn mean_poses(&self) -> Vec<Pose> {
         let pose = |(position, rotation): (&DVec3, &DVec3)| Pose {
@@ -142,86 +147,21 @@ impl Rounds {
     }
 }
 
+/// The rounds that are fitted, of all.
+fn spread(laps: Vec<Lap>, counts: &[u32]) -> Vec<Lap> {
+    let most = (FITTED / counts.len()).max(1);
+    let (mut kept, mut all) = (Vec::new(), laps.into_iter());
+    for count in counts.iter().map(|count| *count as usize) {
+        let fitted = count.min(most);
+        let begins = |i: usize| (i + 1) * fitted / count > i * fitted / count;
+        let own = all.by_ref().take(count).enumerate();
+        kept.extend(own.filter(|(i, _)| begins(*i)).map(|(_, lap)| lap));
+    }
+    kept
+}
+
 fn duration_s(lap: &Lap, demonstration: &Demonstration) -> f64 {
     (lap.samples[PLACES] - lap.samples[0]) * demonstration.sampling_time_s
-}
-
-/// The complete rounds of all recordings.
-fn laps(
-    skill: &Skill,
-    demonstrations: &[Demonstration],
-    recordings: &[Vec<Pose>],
-) -> Result<Vec<Lap>, DemonstrationError> {
-    let failed = |i: usize, problem: String| {
-        let name = demonstrations[i].name.clone();
-        DemonstrationError { name, problem }
-    };
-    let all: Vec<DQuat> =
-        recordings.iter().flatten().map(|pose| pose.orientation).step_by(7).collect();
-    let units = Units::new(skill, recordings, mean_orientation(&all, &vec![1.0; all.len()]));
-    let traces: Vec<Trace> = recordings
-        .iter()
-        .zip(demonstrations)
-        .map(|(poses, d)| Trace::new(skill, poses, d.sampling_time_s, units))
-        .collect();
-    let mut found: Vec<Recurrence> = traces.iter().filter_map(Recurrence::of).collect();
-    found.sort_by(Recurrence::nearest_first);
-    found.truncate(TRIED);
-    let follow = |round: &[Feature], length: f64, usual: Option<f64>| -> Vec<Track> {
-        traces.iter().map(|trace| Track::new(trace, round, length, usual)).collect()
-    };
-    // Of those that come again, what most recordings do is the skill; of several, what comes again the nearest.
-    let complete = |found: &Recurrence| {
-        let tracks = follow(&found.round, found.length, None);
-        tracks.iter().filter(|track| !track.laps(0).is_empty()).count()
-    };
-    let most = found.iter().enumerate().max_by_key(|(i, found)| (complete(found), usize::MAX - i));
-    let Some((_, Recurrence { length, round, .. })) = most else {
-        let others = if traces.len() > 1 { ", nor does any other demonstration" } else { "" };
-        let problem = format!(
-            "its motion does not come again{others}: expected a periodic skill to be demonstrated in two rounds or \
-             more at a stretch"
-        );
-        return Err(failed(0, problem));
-    };
-    let (length, mut round) = (*length, round.clone());
-    let mut tracks = follow(&round, length, None);
-    for _ in 0..REFINED {
-        round = mean_round(&tracks, &round);
-        let mut apart: Vec<f64> =
-            tracks.iter().filter_map(|track| track.distance(&round)).collect();
-        apart.sort_by(f64::total_cmp);
-        tracks = follow(&round, length, apart.get(apart.len() / 2).copied());
-    }
-    let mut laps = Vec::new();
-    for (i, track) in tracks.iter().enumerate() {
-        let own = track.laps(i);
-        if own.is_empty() {
-            let problem = "has no complete round of the motion that the demonstrations have in common: is it \
-                           another one, does it go the other way round, or was it ended early?";
-            return Err(failed(i, problem.into()));
-        }
-        laps.extend(own);
-    }
-    if laps.len() < ROUNDS_MIN {
-        let problem = format!(
-            "{} complete round was found in all, expected at least {ROUNDS_MIN}",
-            laps.len()
-        );
-        return Err(failed(0, problem));
-    }
-    Ok(laps)
-}
-
-/// The mean of what recordings are at each place; where there is none, as before.
-fn mean_round(tracks: &[Track], before: &[Feature]) -> Vec<Feature> {
-    let mut sums = vec![(Feature::zeros(), 0.0); before.len()];
-    for (place, feature) in tracks.iter().flat_map(Track::steps) {
-        sums[place].0 += feature;
-        sums[place].1 += 1.0;
-    }
-    let each = sums.iter().zip(before);
-    each.map(|((sum, count), before)| if *count > 0.0 { sum / *count } else { *before }).collect()
 }
 
 /// The common timing of the rounds.
@@ -330,24 +270,6 @@ fn charted(
         return Err(DemonstrationError { name: demonstration.name.clone(), problem });
     }
     Ok([poses.iter().map(|pose| pose.position).collect(), rotations])
-}
-
-/// Closes a round, whose last two points are its ends, by what is missing spread over it, and smooths it.
-///
-/// * `begin`  phase at which it begins
-fn smooth_round(skill: &Skill, mut points: Vec<DVec3>, begin: f64, dt: f64) -> Path {
-    let (Some(end), Some(start)) = (points.pop(), points.pop()) else { unreachable!("its ends") };
-    let count = points.len();
-    for (i, point) in points.iter_mut().enumerate() {
-        let along = (i as f64 / count as f64 - begin).rem_euclid(1.0);
-        *point -= (end - start) * (along - 0.5);
-    }
-    let thrice = [&points[..], &points, &points].concat();
-    let window_s = skill.smoothing.window_s.min(0.5 * dt * count as f64);
-    let Path { points, velocities, accelerations } =
-        smooth(&thrice, dt, window_s, skill.smoothing.degree);
-    let own = |all: Vec<DVec3>| all[count..2 * count].to_vec();
-    Path { points: own(points), velocities: own(velocities), accelerations: own(accelerations) }
 }
 
 /// Length of a round \[ŷ\].

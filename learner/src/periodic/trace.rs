@@ -4,6 +4,7 @@ use glam::{DMat3, DQuat, DVec3};
 use nalgebra::SVector;
 use tprmp_spatial::Pose;
 
+use crate::canonical::path::Path;
 use crate::canonical::savitzky_golay::smooth;
 use crate::demonstration::Demonstration;
 use crate::skill::Skill;
@@ -15,6 +16,11 @@ pub(super) type Feature = SVector<f64, 12>;
 const REST_FRACTION: f64 = 0.05;
 /// The speed that so many of the samples do not reach is that of the fast ones.
 const FAST: f64 = 0.95;
+
+/// A window of smoothing is too long where half of it gives a motion that is so far away, root of the mean square.
+const LOST: f64 = 0.02;
+/// A window has no fewer samples.
+const WINDOW_SAMPLES_MIN: f64 = 8.0;
 
 /// A recording seen from its frame, smoothed, along its length.
 pub(super) struct Trace {
@@ -70,10 +76,7 @@ impl Units {
 impl Trace {
     pub(super) fn new(skill: &Skill, poses: &[Pose], sampling_time_s: f64, units: Units) -> Self {
         let parts: Vec<[DVec3; 4]> = poses.iter().map(|pose| units.parts(pose)).collect();
-        let paths: [_; 4] = std::array::from_fn(|part| {
-            let samples: Vec<DVec3> = parts.iter().map(|parts| parts[part]).collect();
-            smooth(&samples, sampling_time_s, skill.smoothing.window_s, skill.smoothing.degree)
-        });
+        let paths = smoothed(skill, &parts, sampling_time_s);
         let joined = |of: &dyn Fn(usize) -> DVec3| Feature::from_fn(|i, _| of(i / 3)[i % 3]);
         let count = poses.len();
         let features = (0..count).map(|i| joined(&|part| paths[part].points[i])).collect();
@@ -95,22 +98,61 @@ impl Trace {
         self.lengths[self.lengths.len() - 1]
     }
 
-    /// Features and samples, with their fraction, at equal steps of the length.
-    pub(super) fn steps(&self, step: f64) -> (Vec<Feature>, Vec<f64>) {
-        let count = (self.length() / step) as usize + 1;
-        let (mut features, mut samples) = (Vec::with_capacity(count), Vec::with_capacity(count));
-        let mut i = 0;
-        for k in 0..count {
-            let at = k as f64 * step;
-            while i + 2 < self.lengths.len() && self.lengths[i + 1] <= at {
-                i += 1;
-            }
-            let way = self.lengths[i + 1] - self.lengths[i];
-            let fraction =
-                if way > 0.0 { ((at - self.lengths[i]) / way).clamp(0.0, 1.0) } else { 0.0 };
-            features.push(self.features[i].lerp(&self.features[i + 1], fraction));
-            samples.push(i as f64 + fraction);
-        }
-        (features, samples)
+    /// Features at equal steps of the length.
+    pub(super) fn steps(&self, from: f64, step: f64, count: usize) -> Vec<Feature> {
+        (0..count).map(|k| self.at(from + k as f64 * step)).collect()
     }
+
+    /// The feature at a length.
+    pub(super) fn at(&self, length: f64) -> Feature {
+        let sample = self.sample(length);
+        let i = (sample as usize).min(self.features.len() - 2);
+        self.features[i].lerp(&self.features[i + 1], sample - i as f64)
+    }
+
+    /// The sample, with its fraction, at a length.
+    pub(super) fn sample(&self, length: f64) -> f64 {
+        let after = self.lengths.partition_point(|own| *own <= length);
+        let i = after.clamp(1, self.lengths.len() - 1) - 1;
+        let way = self.lengths[i + 1] - self.lengths[i];
+        let fraction = if way > 0.0 { (length - self.lengths[i]) / way } else { 0.0 };
+        i as f64 + fraction.clamp(0.0, 1.0)
+    }
+
+    /// The same recording, displaced.
+    pub(super) fn moved(&self, by: &Feature) -> Self {
+        let features = self.features.iter().map(|feature| feature + by).collect();
+        Self { features, lengths: self.lengths.clone() }
+    }
+
+    /// The middle of its features, one by one.
+    pub(super) fn middle(&self) -> Feature {
+        Feature::from_fn(|i, _| median(self.features.iter().map(|feature| feature[i]).collect()))
+    }
+}
+
+/// Smooths by a window that is shorter where the motion is faster than the skill file's: half of it must not show much
+/// that it does not. The noise is averaged by either.
+fn smoothed(skill: &Skill, parts: &[[DVec3; 4]], sampling_time_s: f64) -> [Path; 4] {
+    let by = |window_s: f64| -> [Path; 4] {
+        std::array::from_fn(|part| {
+            let samples: Vec<DVec3> = parts.iter().map(|parts| parts[part]).collect();
+            smooth(&samples, sampling_time_s, window_s, skill.smoothing.degree)
+        })
+    };
+    let mut window_s = skill.smoothing.window_s;
+    let mut paths = by(window_s);
+    while window_s > WINDOW_SAMPLES_MIN * sampling_time_s {
+        let half = by(0.5 * window_s);
+        let apart = |i: usize| -> f64 {
+            let both = paths.iter().zip(&half);
+            both.map(|(a, b)| (a.points[i] - b.points[i]).length_squared()).sum()
+        };
+        let mean = (0..parts.len()).map(apart).sum::<f64>() / parts.len() as f64;
+        if mean.sqrt() < LOST {
+            break;
+        }
+        (window_s, paths) = (0.5 * window_s, half);
+    }
+    paths
 }

@@ -41,7 +41,10 @@ pub(super) struct Lap {
 impl Track {
     /// The longest stretch that follows a round of a length. `usual` is how far from it rounds are; none at first.
     pub(super) fn new(trace: &Trace, round: &[Feature], length: f64, usual: Option<f64>) -> Self {
-        let (features, samples) = trace.steps(length / PLACES as f64);
+        let step = length / PLACES as f64;
+        let count = (trace.length() / step) as usize + 1;
+        let features = trace.steps(0.0, step, count);
+        let samples: Vec<f64> = (0..count).map(|k| trace.sample(k as f64 * step)).collect();
         let places = places(&features, round);
         let fitted: Vec<(f64, f64)> = features
             .iter()

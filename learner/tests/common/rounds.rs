@@ -104,3 +104,34 @@ pub(crate) fn recorded(
 pub(crate) fn all(manifold: Manifold, shape: Shape, rounds: &[f64]) -> Vec<Demonstration> {
     rounds.iter().enumerate().map(|(i, rounds)| recorded(i, manifold, shape, *rounds)).collect()
 }
+
+/// A recording without a hand: rounds of a shape, and nothing before and after.
+pub(crate) fn clean(
+    index: usize,
+    shape: impl Fn(f64) -> DVec3,
+    rounds: f64,
+    period_s: f64,
+) -> Demonstration {
+    let mut random = ChaCha8Rng::seed_from_u64(index as u64 + 3);
+    let dt = 0.01;
+    let frame = Pose {
+        position: DVec3::new(0.2 * index as f64, 0.1, 0.0),
+        orientation: DQuat::from_rotation_z(0.3 * index as f64),
+    };
+    let count = (rounds * period_s / dt).round() as usize + 1;
+    let mut noise = || random.random_range(-0.0002..0.0002);
+    let poses = (0..count).map(|i| {
+        let noise = DVec3::new(noise(), noise(), 0.0);
+        let at = i as f64 * dt / period_s + 0.37 * index as f64;
+        let position = frame.position + frame.orientation * (shape(at) + noise);
+        Pose { position, orientation: DQuat::IDENTITY }
+    });
+    Demonstration {
+        name: format!("clean_{index:02}.json"),
+        sampling_time_s: dt,
+        start: frame,
+        goal_frame: frame,
+        poses: poses.collect(),
+        ..super::arcs(Manifold::R2).remove(0)
+    }
+}

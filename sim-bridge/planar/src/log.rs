@@ -100,7 +100,7 @@ pub(crate) enum Mode {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Outcome {
-    /// The controller called the task done, for a second.
+    /// The controller called the task done, for a second; or what goes round went round to the time limit.
     Done,
     /// The controller left before.
     ControllerStopped,

@@ -23,7 +23,7 @@ const VARIATION_WAVES: usize = 3;
 /// A demonstrated stroke and its frames, in `B`.
 #[derive(Debug, Clone)]
 pub(crate) struct Demonstration {
-    /// The start frame; the stroke starts at its origin.
+    /// The start frame; the stroke starts at its origin. What is fixed to the goal frame alone has that one.
     pub(crate) start: PlanarPose,
     /// The goal frame; the stroke ends at its origin.
     pub(crate) goal: PlanarPose,
@@ -39,6 +39,9 @@ impl Demonstration {
         let point = |(i, point): (usize, &DVec2)| {
             let with_start = start.transform(self.start.inverse_transform(*point));
             let with_goal = goal.transform(self.goal.inverse_transform(*point));
+            if self.start == self.goal {
+                return with_goal;
+            }
             with_start.lerp(with_goal, minimum_jerk(i as f64 / last as f64))
         };
         self.points.iter().enumerate().map(point).collect()
@@ -234,9 +237,11 @@ fn read(path: &Path, scene: &Scene) -> Result<Demonstration, SimError> {
             angle_rad: 2.0 * z.atan2(w),
         })
     };
+    let goal = frame(&scene.task.goal_frame)?;
+    let has_start = file.frames.contains_key(scene.task.start_frame.as_str());
     Ok(Demonstration {
-        start: frame(&scene.task.start_frame)?,
-        goal: frame(&scene.task.goal_frame)?,
+        start: if has_start { frame(&scene.task.start_frame)? } else { goal },
+        goal,
         points: file.samples.iter().map(|p| DVec2::from(*p)).collect(),
     })
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::DVec2;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tprmp_drawing::{Page, Picture};
 use tprmp_files::{Existing, outln, write};
@@ -32,7 +32,10 @@ pub(crate) struct RunResult {
     mode: Mode,
     outcome: Outcome,
     simulated_s: f64,
+    /// Of a skill that goes to a goal.
     pub(crate) position_error_mm: Option<f64>,
+    /// Of a skill that goes round.
+    pub(crate) rounds: Option<Rounds>,
     /// A point has no orientation.
     orientation_error_deg: f64,
     clearance_min_mm: f64,
@@ -48,6 +51,17 @@ pub(crate) struct RunResult {
     command_faults: BTreeMap<String, u64>,
 }
 
+/// How a periodic skill went round, as the controller counted.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub(crate) struct Rounds {
+    /// Complete rounds.
+    done: u64,
+    /// How long the last complete one took.
+    period_s: Option<f64>,
+    /// How far beside its cycle the point was in it, at most.
+    beside_max_mm: Option<f64>,
+}
+
 /// Reports on a folder; gives whether the run succeeded.
 pub(crate) fn report(folder: &Path) -> Result<bool, SimError> {
     let (rows, bridge) = load(folder)?;
@@ -59,7 +73,9 @@ pub(crate) fn report(folder: &Path) -> Result<bool, SimError> {
     let json = serde_json::to_string_pretty(&result).expect("keys are strings");
     // Judged anew: a report is no record of anything.
     write(&folder.join(RESULT_FILE), json + "\n", Existing::Replace)?;
-    let pictures = pictures(&rows, &bridge, &scene, &demonstrations, controller.as_ref());
+    let mut pictures = pictures(&rows, &bridge, &scene, &demonstrations, controller.as_ref());
+    // The distance from a goal, of what has none.
+    pictures.retain(|picture| result.rounds.is_none() || picture.name != "error");
     let table = table(&result);
     let html = folder.join(REPORT_FILE);
     write(&html, page(&result, &table, &pictures), Existing::Replace)?;
@@ -79,19 +95,16 @@ fn read_controller(path: &Path) -> Result<Option<Value>, SimError> {
 
 /// Judges a run.
 fn judge(rows: &[Row], bridge: &Bridge, scene: &Scene, controller: Option<&Value>) -> RunResult {
-    let error_mm = position_error_m(rows).map(|m| 1e3 * m);
+    let rounds: Option<Rounds> =
+        controller.and_then(|c| serde_json::from_value(c["rounds"].clone()).ok());
+    let goes_round = rounds.is_some();
+    let error_mm = if goes_round { None } else { position_error_m(rows).map(|m| 1e3 * m) };
     let limit_mm = 1e3 * scene.task.position_error_max_m;
     let clearance_min_mm = 1e3 * bridge.extremes.clearance_min_m;
-    let mut failures = Vec::new();
-    if bridge.outcome != Outcome::Done {
-        failures.push(format!("the task was not done: {}", in_words(bridge.outcome)));
-    }
-    match error_mm {
-        Some(error) if error <= limit_mm => {}
-        Some(error) => failures
-            .push(format!("the goal was missed by {error:.2} mm, at most {limit_mm} mm may be")),
-        None => failures.push("the controller never moved the point".into()),
-    }
+    let mut failures = match rounds {
+        Some(rounds) => cycle_failures(&rounds, bridge.outcome, limit_mm),
+        None => goal_failures(error_mm, bridge.outcome, limit_mm),
+    };
     if clearance_min_mm <= 0.0 {
         failures.push(format!("the point touched the obstacle ({clearance_min_mm:.1} mm)"));
     }
@@ -115,6 +128,7 @@ fn judge(rows: &[Row], bridge: &Bridge, scene: &Scene, controller: Option<&Value
         outcome: bridge.outcome,
         simulated_s: bridge.timing.simulated_s,
         position_error_mm: error_mm,
+        rounds,
         orientation_error_deg: 0.0,
         clearance_min_mm,
         limit_fraction_max: extremes.effort_fraction_max.max(extremes.velocity_fraction_max),
@@ -127,6 +141,37 @@ fn judge(rows: &[Row], bridge: &Bridge, scene: &Scene, controller: Option<&Value
         slip_total_ms: 1e3 * bridge.timing.slip_total_s,
         command_faults: bridge.command_faults.clone(),
     }
+}
+
+/// What is wrong with a run to a goal.
+fn goal_failures(error_mm: Option<f64>, outcome: Outcome, limit_mm: f64) -> Vec<String> {
+    let mut failures = Vec::new();
+    if outcome != Outcome::Done {
+        failures.push(format!("the task was not done: {}", in_words(outcome)));
+    }
+    match error_mm {
+        Some(error) if error <= limit_mm => {}
+        Some(error) => failures
+            .push(format!("the goal was missed by {error:.2} mm, at most {limit_mm} mm may be")),
+        None => failures.push("the controller never moved the point".into()),
+    }
+    failures
+}
+
+/// What is wrong with a run of what goes round: it is never done, and runs until somebody ends it.
+fn cycle_failures(rounds: &Rounds, outcome: Outcome, limit_mm: f64) -> Vec<String> {
+    let mut failures = Vec::new();
+    if outcome == Outcome::ControllerLost {
+        failures.push(format!("it did not go on: {}", in_words(outcome)));
+    }
+    match rounds.beside_max_mm {
+        Some(beside) if beside <= limit_mm => {}
+        Some(beside) => failures.push(format!(
+            "the last round ran up to {beside:.2} mm beside the cycle, at most {limit_mm} mm may be"
+        )),
+        None => failures.push("the point went round not once: expected a complete round".into()),
+    }
+    failures
 }
 
 /// Largest distance from the moving goal in the last half second of the task \[m\].
@@ -165,10 +210,19 @@ fn table(result: &RunResult) -> Vec<(String, String)> {
     table.extend([
         ("seed, clock", format!("{}, {clock}", result.seed)),
         ("end", format!("{} after {:.2} s", in_words(result.outcome), result.simulated_s)),
-        (
-            "distance from the moving goal",
-            result.position_error_mm.map_or("—".into(), |e| format!("{e:.2} mm")),
-        ),
+    ]);
+    let millimetres = |mm: Option<f64>| mm.map_or("—".to_owned(), |mm| format!("{mm:.2} mm"));
+    match result.rounds {
+        None => {
+            table.push(("distance from the moving goal", millimetres(result.position_error_mm)));
+        }
+        Some(Rounds { done, period_s, beside_max_mm }) => table.extend([
+            ("rounds done", done.to_string()),
+            ("period of the last one", period_s.map_or("—".into(), |s| format!("{s:.2} s"))),
+            ("distance beside the cycle in it", millimetres(beside_max_mm)),
+        ]),
+    }
+    table.extend([
         ("least gap to the obstacle", format!("{:.1} mm", result.clearance_min_mm)),
         ("largest fraction of a limit", format!("{:.1} %", 100.0 * result.limit_fraction_max)),
         ("tick, median / 99 % / max", times(&result.tick_us)),
@@ -317,6 +371,34 @@ mod tests {
             let (success, result) = run.report();
             assert!(!success, "{name}");
             assert_eq!(result["failures"].as_array().unwrap().len(), 1, "{name}: {result}");
+            assert!(result["failures"][0].as_str().unwrap().contains(reason), "{result}");
+        }
+    }
+
+    #[test]
+    fn what_goes_round_misses_no_goal() {
+        let mut run = SyntheticRun::new("round", 0.2);
+        run.bridge.outcome = Outcome::Timeout;
+        let summary = |beside: Value| {
+            let period_s = if beside.is_null() { Value::Null } else { json!(2.5) };
+            json!({
+                "ticks": 2000,
+                "rounds": {"done": 7, "period_s": period_s, "beside_max_mm": beside},
+            })
+        };
+        run.write_controller(&summary(json!(1.5)));
+        let (success, result) = run.report();
+        assert!(success && result["position_error_mm"].is_null(), "{result}");
+        assert_eq!(result["rounds"]["done"], 7);
+        let html = std::fs::read_to_string(run.folder.join(REPORT_FILE)).unwrap();
+        for text in ["rounds done", "2.50 s", "1.50 mm"] {
+            assert!(html.contains(text), "{text}");
+        }
+        assert!(!html.contains("goal was missed") && !html.contains("from the moving goal"));
+        for (beside, reason) in [(json!(9.0), "beside the cycle"), (Value::Null, "not once")] {
+            run.write_controller(&summary(beside));
+            let (success, result) = run.report();
+            assert!(!success, "{result}");
             assert!(result["failures"][0].as_str().unwrap().contains(reason), "{result}");
         }
     }

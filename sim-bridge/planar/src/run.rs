@@ -100,6 +100,8 @@ struct Run {
     world: World,
     dt_ns: u64,
     steps_max: u64,
+    /// The time limit is its end.
+    goes_round: bool,
     instance: String,
     mode: Mode,
     state: RobotState,
@@ -155,6 +157,7 @@ impl Run {
             world,
             dt_ns: 1_000_000_000 / u64::from(physics.rate_hz),
             steps_max,
+            goes_round: scene.task.goes_round,
             instance: options.instance.clone(),
             mode: if options.lockstep { Mode::Lockstep } else { Mode::RealTime },
             state: RobotState { joint_count: 2, joint_names_hash, ..Default::default() },
@@ -335,7 +338,8 @@ impl Run {
         if self.done_s > DONE_S + LEAVE_S {
             return Some(Outcome::Done);
         }
-        (self.world.moving && self.steps >= self.steps_max).then_some(Outcome::Timeout)
+        let over = self.world.moving && self.steps >= self.steps_max;
+        over.then_some(if self.goes_round { Outcome::Done } else { Outcome::Timeout })
     }
 
     /// Whether the newest command says that the controller leaves.

@@ -61,6 +61,9 @@ pub(crate) struct TaskSettings {
     pub(crate) start_frame: Name,
     pub(crate) goal_frame: Name,
     pub(crate) position_error_max_m: f64,
+    /// The skill is never done: the time limit is the end of the run.
+    #[serde(default)]
+    pub(crate) goes_round: bool,
 }
 
 /// The start frame, against the start of the expert's stroke.

@@ -14,6 +14,7 @@ import numpy as np
 from sim_bridge.demonstrations import demonstrated_grasp
 from sim_bridge.errors import BridgeError
 from sim_bridge.evaluate import grip
+from sim_bridge.experiments.joints import Programs, cases, run_case
 from sim_bridge.experiments.scenarios import Scenario, draw
 from sim_bridge.kinematics import load_chain
 from sim_bridge.log import Log
@@ -30,6 +31,8 @@ CLEARANCE_SEEN_M = 0.3
 SLOW_EVERY = 5
 """Clearances from table and self are measured in one of so many steps; contacts in each."""
 TRACE_EVERY = 20
+JOINTS_SEED = 1
+"""All picks of the joints have the scene of this seed, after the first: they are compared."""
 POSITION_ERROR_MAX_M = 0.005
 ORIENTATION_ERROR_MAX_DEG = 2.0
 
@@ -182,8 +185,22 @@ def watched_pairs(world: World) -> set[tuple[int, int]]:
     return {(a, b) for a in links for b in links if a < b and depth[b] - depth[a] >= 2}
 
 
+def run_joints(settings: Settings, experiment: Experiment, seed: int) -> dict[str, object]:
+    """Runs a case of the joints: the one of this number, counted from the first seed."""
+    config = settings.config / "controllers" / experiment.config
+    programs = Programs(settings.controller, config, settings.model, settings.running)
+    scene = settings.config / "scenes" / experiment.scene
+    number = seed - settings.seed
+    row = run_case(programs, scene, cases()[number], settings.seed + JOINTS_SEED)
+    row["seed"] = seed
+    row["cause"] = cause(row)
+    return row
+
+
 def run_episode(settings: Settings, experiment: Experiment, seed: int) -> dict[str, object]:
     """Runs one episode; gives its row, and its `trace` for the pictures."""
+    if experiment.name == "joints":
+        return run_joints(settings, experiment, seed)
     scene = load_scene(settings.config / "scenes" / experiment.scene)
     config = settings.config / "controllers" / experiment.config
     chain = load_chain(scene.robot.urdf, scene.robot.tip_link)

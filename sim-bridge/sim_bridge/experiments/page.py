@@ -7,6 +7,7 @@ from collections import Counter
 from html import escape
 
 from sim_bridge import html
+from sim_bridge.experiments.page_joints import joints_part
 from sim_bridge.experiments.verdict import Verdict
 from sim_bridge.html import INK
 
@@ -17,6 +18,7 @@ TITLES = {
     "iiwa": "The same skill on a third arm (KUKA LBR iiwa 14)",
     "adversarial": "Frames where no goal should be",
     "singular": "Near singularities",
+    "joints": "Joints with friction, rotors, unknown loads and servos, in MuJoCo",
 }
 DRAWN_MAX = 12
 """Episodes that are drawn one by one, failures first."""
@@ -41,7 +43,8 @@ def page(rows: list[dict], traces: list[list], found: list[Verdict], *, quick: b
     """The whole page."""
     parts = [
         "<h1>Experiments of the whole arm</h1>",
-        f"<p>{len(rows)} episodes in pybullet, in lockstep{', a short look' if quick else ''}. "
+        f"<p>{len(rows)} episodes in lockstep{', a short look' if quick else ''}, in pybullet, "
+        "those about joints in MuJoCo. "
         "Contacts of all links are taken from the physics at every step.</p>",
         _verdict_table(found),
     ]
@@ -84,6 +87,8 @@ def _section(experiment: str, own: list[tuple[dict, list]]) -> str:
         if values:
             parts.append(_figure(_histogram(values, low, high, limit), caption))
     parts.append("</div>")
+    if experiment == "joints":
+        parts.append(joints_part(rows))
     failed = [row for row in rows if row["cause"] is not None]
     if failed:
         lines = [(str(row["seed"]), row["kind"], row["cause"]) for row in failed]

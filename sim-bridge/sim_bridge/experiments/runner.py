@@ -14,6 +14,7 @@ from pathlib import Path
 
 from sim_bridge.errors import BridgeError
 from sim_bridge.experiments.episode import Experiment, Settings, run_episode
+from sim_bridge.experiments.joints import SHORT, cases
 from sim_bridge.experiments.page import page
 from sim_bridge.experiments.verdict import Verdict, verdicts
 from sim_bridge.files import check, make_folder, write
@@ -29,6 +30,7 @@ EXPERIMENTS = (
     Experiment("iiwa", "iiwa", "pick_iiwa.json", "iiwa_pick.ron", 50, 6),
     Experiment("adversarial", "ur5", "pick.json", "ur5_pick.ron", 36, 6),
     Experiment("singular", "ur5", "pick.json", "ur5_pick.ron", 32, 4),
+    Experiment("joints", "ur5", "pick.json", "ur5_pick.ron", len(cases()), SHORT),
 )
 
 

@@ -8,6 +8,7 @@ use tprmp_rmpflow::leaves::{ApproachFunnel, Barrier, JointDamping, PoseAttractor
 use tprmp_robot::Selection;
 
 use crate::controller_config::check::Check;
+use crate::controller_config::drives::{Actuators, Disturbance, Impedance};
 use crate::controller_config::leaves::{
     Collision, External, Lift, PostureLeaf, SelfCollision, SkillLeaf,
 };
@@ -43,6 +44,8 @@ pub struct Robot {
     pub control_points: Option<Vec<ControlPoint>>,
     /// Gravity in the base frame \[m/s²\].
     pub gravity_m_s2: [f64; 3],
+    /// What the robot makes of a command.
+    pub actuators: Actuators,
     /// Largest joint accelerations \[rad/s² or m/s²\].
     pub acceleration_max: Vec<f64>,
     /// Largest changes of the joint accelerations \[rad/s³ or m/s³\].
@@ -59,6 +62,21 @@ pub struct Robot {
     /// \[rad or m\]: what keeps an arm from folding its elbow or its shoulder over. Outside, a joint
     /// may only come back.
     pub working_range: BTreeMap<String, [f64; 2]>,
+    /// What points of the arm keep below; `None` where nothing but the joints' limits is asked for.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub point_limits: Option<PointLimits>,
+}
+
+/// Limits of the tool and of the origins of all joints, the elbow's for one.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PointLimits {
+    /// Largest speed \[m/s\]. ISO 10218-1 has 0.25 m/s for a reduced speed.
+    pub speed_max_m_s: f64,
+    /// Largest acceleration by the joints', J q̈, that is asked for; braking may take more \[m/s²\].
+    pub acceleration_max_m_s2: f64,
+    /// Largest power of all joints, ∑|τᵢ q̇ᵢ|, what holds against gravity included \[W\].
+    pub power_max_w: f64,
 }
 
 /// A sphere on a link.
@@ -108,31 +126,6 @@ pub struct FrameObserver {
     pub linear_acceleration_max_m_s2: f64,
     /// Largest angular acceleration believed \[rad/s²\].
     pub angular_acceleration_max_rad_s2: f64,
-}
-
-/// The impedance with which the policy's acceleration is tracked  [thesis section 4.4].
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Impedance {
-    /// Stiffness towards the integrated position \[1/s²\].
-    pub stiffness_1_s2: f64,
-    /// Damping towards the integrated velocity \[1/s\].
-    pub damping_1_s: f64,
-    /// Time constant with which the integrated state approaches the measured one \[s\].
-    pub reference_time_constant_s: f64,
-}
-
-/// How fast a push may move the joints. A joint that is disturbed resists once the push would drive it
-/// beyond this speed; up to there the impedance yields.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Disturbance {
-    /// Fraction of the permitted speed that a push may cause.
-    pub speed_fraction: f64,
-    /// How far the disturbance is thought to go on \[s\].
-    pub horizon_s: f64,
-    /// Time constant of the observer, about the time from a command to the state that shows it \[s\].
-    pub time_constant_s: f64,
 }
 
 /// How the arm stops and starts.
@@ -344,9 +337,15 @@ impl Robot {
         let gravity = &self.gravity_m_s2;
         let is_finite = gravity.iter().all(|g| g.is_finite());
         check.require(is_finite, "gravity_m_s2", "three finite numbers", gravity);
+        check.within("actuators", |check| self.actuators.check(count, check));
         check.fraction("velocity_fraction", self.velocity_fraction);
         check.fraction("effort_fraction", self.effort_fraction);
         check.not_negative("position_margin", self.position_margin);
+        if let Some(points) = &self.point_limits {
+            check.positive("point_limits.speed_max_m_s", points.speed_max_m_s);
+            check.positive("point_limits.acceleration_max_m_s2", points.acceleration_max_m_s2);
+            check.positive("point_limits.power_max_w", points.power_max_w);
+        }
         for (joint, range) in &self.working_range {
             let is_known = self.joints.contains(joint);
             check.require(is_known, "working_range", "names from robot.joints", joint);
@@ -381,25 +380,6 @@ impl FrameObserver {
         check.positive("time_constant_s", self.time_constant_s);
         check.not_negative("linear_acceleration_max_m_s2", self.linear_acceleration_max_m_s2);
         check.not_negative("angular_acceleration_max_rad_s2", self.angular_acceleration_max_rad_s2);
-    }
-}
-
-impl Impedance {
-    fn check(&self, check: &mut Check) {
-        check.not_negative("stiffness_1_s2", self.stiffness_1_s2);
-        check.not_negative("damping_1_s", self.damping_1_s);
-        // The longest step of the loop is 0.02 s: below a fourth of it the reference would oscillate.
-        let time = &self.reference_time_constant_s;
-        let expected = "at least 0.005 seconds";
-        check.require((0.005..=1e6).contains(time), "reference_time_constant_s", expected, time);
-    }
-}
-
-impl Disturbance {
-    fn check(&self, check: &mut Check) {
-        check.fraction("speed_fraction", self.speed_fraction);
-        check.positive("horizon_s", self.horizon_s);
-        check.positive("time_constant_s", self.time_constant_s);
     }
 }
 

@@ -9,6 +9,7 @@
 
 mod check;
 mod config;
+mod drives;
 mod error;
 mod layers;
 mod leaves;
@@ -16,9 +17,10 @@ mod read;
 mod supervision;
 
 pub use config::{
-    Capability, ControlPoint, ControllerConfig, Disturbance, Done, FrameObserver, Impedance, Loop,
-    RealTime, Robot, Stop, Trigger,
+    Capability, ControlPoint, ControllerConfig, Done, FrameObserver, Loop, PointLimits, RealTime,
+    Robot, Stop, Trigger,
 };
+pub use drives::{Actuators, Disturbance, Impedance, JointDrives, Load, Servo};
 pub use error::{ConfigError, Fault, Problem};
 pub use leaves::{
     Collision, ExemptObstacle, Exemption, Extent, External, Lift, PostureLeaf, SelfCollision,

@@ -187,6 +187,7 @@ mod tests {
             "lift",
             "external",
             "disturbance",
+            "load",
             "fifo_priority",
             "cpu",
             "cpu_latency_max_us",
@@ -252,6 +253,15 @@ mod tests {
             ),
             ("fade_s: 0.05", "fade_s: 0.0", "external.fade_s"),
             ("age_max_ns: 150_000_000", "age_max_ns: 0", "external.age_max_ns"),
+            ("rotor_inertia: [0.0", "rotor_inertia: [-1.0", "robot.actuators.rotor_inertia"),
+            ("coulomb_friction: [0.0, ", "coulomb_friction: [", "robot.actuators.coulomb_friction"),
+            ("friction_speed: 0.001", "friction_speed: 0.0", "robot.actuators.friction_speed"),
+            ("feedback_fraction: 0.5", "feedback_fraction: 0.0", "impedance.feedback_fraction"),
+            (
+                "stuck_time_constant_s: 0.02",
+                "stuck_time_constant_s: 0.001",
+                "disturbance.load.stuck_time_constant_s",
+            ),
             ("\"elbow_joint\": (", "\"elbow\": (", "robot.working_range"),
             ("\"elbow_joint\": (0.1", "\"elbow_joint\": (3.0", "robot.working_range"),
         ];
@@ -259,6 +269,40 @@ mod tests {
             let error = error_of(|t| t.replace(from, to));
             assert!(error.contains(key), "{key}: {error}");
         }
+    }
+
+    /// The shipped configuration of an arm that is driven otherwise.
+    fn driven(actuators: &str) -> Result<ControllerConfig, ConfigError> {
+        edited(|text| {
+            let Some(at) = text.find("actuators: Torque") else { return text.into() };
+            let end = at + text[at..].find(")),").unwrap();
+            format!("{}actuators: {actuators}{}", &text[..at], &text[end + 2..])
+        })
+    }
+
+    #[test]
+    fn servos_have_a_lag_within_bounds_and_torques_none() {
+        assert_eq!(read(&shipped()).unwrap().robot.actuators.lag_s(), 0.0);
+        for kind in ["PositionServo", "VelocityServo"] {
+            let servo = |lag: &str| {
+                driven(&format!("{kind}((lag_s: {lag}, reference_time_constant_s: 0.5))"))
+            };
+            assert_eq!(servo("0.1").unwrap().robot.actuators.lag_s(), 0.1);
+            let error = servo("100.0").unwrap_err().to_string();
+            assert!(error.contains("robot.actuators.lag_s") && error.contains("0.5"), "{error}");
+        }
+        let missing = driven("PositionServo((lag_s: 0.1))").unwrap_err().to_string();
+        assert!(missing.contains("reference_time_constant_s"), "{missing}");
+    }
+
+    #[test]
+    fn gains_of_an_older_version_are_refused_with_those_of_now() {
+        let error = error_of(|t| t.replace("natural_frequency_rad_s: 10", "stiffness_1_s2: 100"));
+        for word in ["arm_pick.ron", "stiffness_1_s2", "natural_frequency_rad_s"] {
+            assert!(error.contains(word), "{word}: {error}");
+        }
+        let error = error_of(|text| without(text, "actuators"));
+        assert!(error.contains("actuators") && error.contains("missing"), "{error}");
     }
 
     #[test]

@@ -93,6 +93,15 @@ impl SkillModel {
                     format!("expected `{expected}` as in the first mode, found `{found}`")
                 })?;
             }
+            let same = |of: &&Self| of.canonical == mode.canonical && of.policy == mode.policy;
+            let twice = std::iter::once(self).chain(&others[..i]).position(|of| same(&of));
+            require(twice.is_none(), key, || {
+                let first = match twice.unwrap_or(0) {
+                    0 => "the first mode".into(),
+                    j => format!("other_modes[{}]", j - 1),
+                };
+                format!("expected a mode of its own, found {first} again: remove it")
+            })?;
         }
         Ok(())
     }
@@ -140,7 +149,7 @@ impl SkillModel {
         require(count <= GRIPPER_EVENTS_MAX, "gripper", || {
             format!("expected at most {GRIPPER_EVENTS_MAX} events, found {count}")
         })?;
-        let mut before = 0.0;
+        let (mut before, mut last) = (0.0, None);
         for (i, event) in self.gripper.iter().enumerate() {
             let key = format!("gripper[{i}]");
             let GripperEvent { phase, time_fraction, action, spread, demonstrations } = *event;
@@ -148,6 +157,12 @@ impl SkillModel {
                 format!("expected phases that rise from 0 to 1, found {phase} after {before}")
             })?;
             before = phase;
+            let again = !matches!(action, GripperAction::WidthM(_)) && last == Some(action);
+            require(!again, format!("{key}.action"), || {
+                let twice = format!("found that it {action} twice in a row");
+                format!("expected a gripper that opens and closes by turns, {twice}: remove one")
+            })?;
+            last = Some(action);
             for (name, value) in [("time_fraction", time_fraction), ("spread", spread)] {
                 require((0.0..=1.0).contains(&value), format!("{key}.{name}"), || {
                     format!("expected a number from 0 to 1, found {value}")
@@ -343,11 +358,37 @@ impl SkillModel {
                 )
             })?;
         }
-        let Some(cycle) = cycle else {
+        self.validate_cycle(period_s)
+    }
+
+    /// The figures of a round agree with each other.
+    fn validate_cycle(&self, period_s: f64) -> Result<(), Violation> {
+        let Some(cycle) = &self.certificate.cycle else {
             return require(!self.certificate.holds(), "certificate.cycle", || {
                 "expected one for a periodic skill, found none".into()
             });
         };
+        for (key, found) in [
+            ("certificate.cycle.demonstrated_period_s", cycle.demonstrated_period_s),
+            ("fit.duration_s", self.fit.duration_s),
+        ] {
+            let same = (found - period_s).abs() <= TOLERANCE * period_s;
+            require(same, "motion.period_s", || {
+                format!(
+                    "expected the {found} s of `{key}`, found {period_s}: one was edited, train \
+                     the skill again"
+                )
+            })?;
+        }
+        let rolled_out = self.fit.demonstrations.first();
+        let same = rolled_out.is_none_or(|first| first.execution_s == cycle.period_s);
+        require(same, "certificate.cycle.period_s", || {
+            format!(
+                "expected `fit.demonstrations[0].execution_s`, found {}: one was edited, train the \
+                 skill again",
+                cycle.period_s
+            )
+        })?;
         if !self.certificate.holds() {
             return Ok(());
         }
