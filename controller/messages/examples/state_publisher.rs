@@ -6,8 +6,8 @@ use std::{env, error::Error, sync::atomic::Ordering, thread, time::Duration};
 
 use rustix::time::{ClockId, clock_gettime};
 use tprmp_messages::{
-    Bounds, CommandGuard, Frame, Instance, JointBounds, RobotState, TaskFrames,
-    joint_names_hash, stop_flag,
+    Bounds, CommandGuard, Frame, Instance, JointBounds, RobotState, TaskFrames, joint_names_hash,
+    stop_flag,
 };
 
 fn main() -> Result<(), Box<dyn Error>> {

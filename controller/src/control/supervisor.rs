@@ -26,7 +26,7 @@ pub fn kind(reason: Reason) -> Kind {
     match reason {
         Reason::None | Reason::Blocked | Reason::Unreachable | Reason::GripperAwaited => {
             Kind::Following
-        },
+        }
         Reason::StateStale
         | Reason::SequenceWentBack
         | Reason::StateNotFinite

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 
 use tprmp_messages::{FRAME_CAPACITY, Frame, NAME_CAPACITY, Reason, name_str};
 
-use crate::detail::{About, Detail};
+use crate::detail::seen::{About, Detail};
 
 /// Words of a name.
 const WORDS: usize = NAME_CAPACITY / 8;

@@ -6,7 +6,8 @@ use tprmp_messages::{
     FRAME_CAPACITY, NAME_CAPACITY, OBSTACLE_CAPACITY, joint_names_hash, name_str,
 };
 
-use crate::detail::{About, Detail, Snapshot};
+use crate::detail::seen::{About, Detail};
+use crate::detail::shared::Snapshot;
 
 /// An age below this is latency, above it another clock \[ns\].
 const LATENCY_MAX_NS: f64 = 2e9;
@@ -136,7 +137,9 @@ fn joint_order(snapshot: &Snapshot) -> String {
         || format!("other names (their hash is {hash:#018x})"),
         |order| order.join(", "),
     );
-    format!("expected the joints in the order {expected}; found {found}: publish them in this order")
+    format!(
+        "expected the joints in the order {expected}; found {found}: publish them in this order"
+    )
 }
 
 fn hash_of(detail: &Detail) -> u64 {
@@ -220,7 +223,11 @@ fn frame_text(snapshot: &Snapshot) -> Option<String> {
         ),
         About::FrameFar => format!(
             "frame `{frame}` is {seen:.1} m from the base, at most {one:.0} m is believed: {}",
-            if 1e-3 * seen < one { "likely millimetres; publish metres" } else { "publish it in the base's frame" }
+            if 1e-3 * seen < one {
+                "likely millimetres; publish metres"
+            } else {
+                "publish it in the base's frame"
+            }
         ),
         About::FrameOrder => format!(
             "frame `{frame}` is turned by {:.0}° from the tool that is there, and by {:.1}° with its \

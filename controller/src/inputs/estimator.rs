@@ -134,8 +134,7 @@ impl<const N: usize> StateEstimator<N> {
         self.lost = self.lost.saturating_add(missing);
         if self.verdict.is_ok() && missing > self.lost_in_a_row_max {
             let most = self.lost_in_a_row_max as f64;
-            let detail =
-                Detail::new(Reason::StatesLost, About::Lost, missing as f64, [most, 0.0]);
+            let detail = Detail::new(Reason::StatesLost, About::Lost, missing as f64, [most, 0.0]);
             self.verdict = Err(detail);
         }
     }
@@ -190,7 +189,11 @@ impl<const N: usize> StateEstimator<N> {
         // A stamp from the future is as wrong as an old one.
         if now_ns.abs_diff(state.time_ns) > self.age_max_ns {
             let stands = stamp_before_ns == Some(state.time_ns) && state.time_ns > 0;
-            return Err(if stands { stuck(&now, state.time_ns) } else { self.other_clock(&now, now_ns) });
+            return Err(if stands {
+                stuck(&now, state.time_ns)
+            } else {
+                self.other_clock(&now, now_ns)
+            });
         }
         if let Some(i) =
             (0..N).find(|&i| velocity[i].abs() > SPEED_MULTIPLE_MAX * self.speed_max[i])

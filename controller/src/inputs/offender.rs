@@ -10,7 +10,8 @@ use crate::detail::{About, Detail};
 /// What of a state for `joints` joints is refused for this reason.
 #[must_use]
 pub fn of_state(state: &RobotState, joints: usize, reason: Reason) -> Detail {
-    let number = |about, seen: f64, expected: f64| Detail::new(reason, about, seen, [expected, 0.0]);
+    let number =
+        |about, seen: f64, expected: f64| Detail::new(reason, about, seen, [expected, 0.0]);
     match reason {
         Reason::JointCount => {
             number(About::JointCount, f64::from(state.joint_count), joints as f64)

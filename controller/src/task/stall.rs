@@ -126,7 +126,14 @@ mod tests {
 
     /// A goal that moves.
     fn progress(speed: f64, distance_m: f64) -> Progress {
-        Progress { speed, distance_m, rounds: None, energy: 1.0, goal_speed_m_s: 0.1, awaits_gripper: false }
+        Progress {
+            speed,
+            distance_m,
+            rounds: None,
+            energy: 1.0,
+            goal_speed_m_s: 0.1,
+            awaits_gripper: false,
+        }
     }
 
     #[test]
@@ -262,8 +269,14 @@ mod tests {
         let free = Proximity::NONE;
         let after = |goal_speed_m_s: f64, energy: f64, seconds: usize| {
             let mut detector = StallDetector::default();
-            let mut progress =
-                Progress { speed: 0.1, distance_m: 0.2, rounds: None, energy: 1.0, goal_speed_m_s, awaits_gripper: false };
+            let mut progress = Progress {
+                speed: 0.1,
+                distance_m: 0.2,
+                rounds: None,
+                energy: 1.0,
+                goal_speed_m_s,
+                awaits_gripper: false,
+            };
             let mut reason = Reason::None;
             for _ in 0..seconds * 100 {
                 progress.energy *= energy.powf(0.01);
