@@ -6,6 +6,7 @@
 
 pub mod arm;
 pub mod commands;
+pub mod conformance;
 pub mod control;
 pub mod cycle;
 pub mod detail;

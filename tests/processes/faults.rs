@@ -37,7 +37,7 @@ fn faulty_input_brings_the_arm_to_rest_with_a_reason_and_it_resumes() {
         (none_state, |f| f.frames[1].quaternion[3] = f64::NAN, Reason::FrameNotFinite),
         (none_state, |f| f.obstacles[0].linear_velocity[0] = f64::INFINITY, Reason::FrameNotFinite),
         (none_state, |f| f.obstacles[0].kind = 99, Reason::ObstacleUnknown),
-        (none_state, |f| f.obstacle_count = 99, Reason::ObstacleUnknown),
+        (none_state, |f| f.obstacle_count = 99, Reason::ObstacleCount),
     ];
     let place = Place::new("faults");
     let (mut robot, controller) = start(&place, &["--lockstep"]);

@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod clean;
+pub mod conformance;
 pub mod ctl;
 pub mod monitor;
 pub mod overrides;

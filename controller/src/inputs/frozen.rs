@@ -37,7 +37,7 @@ impl<const N: usize> FrozenPositions<N> {
         *self = Self::default();
     }
 
-    /// What was found, until a position changes.
+    /// What was found, until a position changes or the arm is commanded to rest.
     #[must_use]
     pub fn found(&self) -> Option<&Detail> {
         self.found.as_ref()
@@ -63,9 +63,7 @@ impl<const N: usize> FrozenPositions<N> {
             _ => self.forget(),
         }
         self.last = Some((*measured, time_ns));
-        if self.found.is_none() {
-            self.found = self.judge(measured, time_ns, commanded);
-        }
+        self.found = self.judge(measured, time_ns, commanded);
         self.found.map_or(Ok(()), |found| Err(found.reason))
     }
 
@@ -79,9 +77,12 @@ impl<const N: usize> FrozenPositions<N> {
             velocity[..N].iter().any(|v| v.abs() >= COMMANDED_MIN)
         };
         let Some((position, _)) = commanded.filter(moves) else {
-            self.commanded = None;
+            (self.commanded, self.found) = (None, None);
             return None;
         };
+        if self.found.is_some() {
+            return self.found;
+        }
         let position = SVector::<f64, N>::from_column_slice(&position[..N]);
         let begun = Commanded { since_ns: time_ns, from: position };
         let Commanded { since_ns, from } = *self.commanded.get_or_insert(begun);
@@ -126,15 +127,18 @@ mod tests {
     }
 
     #[test]
-    fn it_lasts_until_a_position_changes_or_somebody_looks() {
+    fn it_lasts_until_a_position_changes_or_the_arm_is_commanded_to_rest() {
         let mut frozen = FrozenPositions::<2>::default();
         let at = Vector2::new(0.3, 0.2);
-        for k in 0..100_u64 {
+        let mut moving = |at: &Vector2<f64>, k: u64| {
             let position = [0.3, 0.2 + 1e-3 * k as f64];
-            let _ = frozen.update(&at, k * MS, Some((&position, &[0.0, 1.0])));
-        }
-        assert_eq!(frozen.update(&at, 100 * MS, None), Err(Reason::PositionsFrozen));
-        assert_eq!(frozen.found().map(|found| found.index), Some(1));
-        assert_eq!(frozen.update(&(at * 1.001), 101 * MS, None), Ok(()));
+            let result = frozen.update(at, k * MS, Some((&position, &[0.0, 1.0])));
+            (result, frozen.found().map(|found| found.index))
+        };
+        let found = (0..100).map(|k| moving(&at, k)).last();
+        assert_eq!(found, Some((Err(Reason::PositionsFrozen), Some(1))));
+        assert_eq!(moving(&(at * 1.001), 100), (Ok(()), None));
+        assert!((101..200).any(|k| moving(&(at * 1.001), k).0.is_err()));
+        assert_eq!(frozen.update(&(at * 1.001), 200 * MS, None), Ok(()));
     }
 }
