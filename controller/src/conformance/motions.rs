@@ -1,6 +1,7 @@
 //! What is judged in motion: order and sign of the joints, velocities, torques, and how the robot reacts to
 //! commands that expire, to `Stop`, and to a controller that is killed.
 
+use nalgebra::SVector;
 use tprmp_messages::CommandMode;
 use tprmp_model::controller_config::ControllerConfig;
 
@@ -108,7 +109,7 @@ impl<const N: usize> Motions<'_, N> {
         if let Err(broken) = mover.go(&out, 0.0, OUT_S + 0.3, CommandMode::Track) {
             return Err(text(mover, broken));
         }
-        let offset = mover.offset().unwrap_or_default();
+        let offset = mover.offset().unwrap_or_else(SVector::zeros);
         let shall = |j: usize| if j == i { amplitude } else { 0.0 };
         let wrong = (0..N).find(|&j| {
             let fraction = (offset[j] - shall(j)).abs() / mover.amplitude(j).abs();

@@ -28,22 +28,22 @@ const STATE_AGE_MAX_NS: u64 = 200_000_000;
 
 /// What was measured at a tick, and commanded.
 #[derive(Debug, Clone, Copy)]
-pub struct Moment<const N: usize> {
+pub(super) struct Moment<const N: usize> {
     /// Stamp of the state \[ns\].
-    pub time_ns: u64,
+    pub(super) time_ns: u64,
     /// Measured \[rad or m\].
-    pub position: SVector<f64, N>,
+    pub(super) position: SVector<f64, N>,
     /// Measured \[rad/s or m/s\].
-    pub velocity: SVector<f64, N>,
+    pub(super) velocity: SVector<f64, N>,
     /// Measured \[N m or N\].
-    pub torque: SVector<f64, N>,
+    pub(super) torque: SVector<f64, N>,
     /// Commanded, without gravity \[N m or N\].
-    pub commanded_torque: SVector<f64, N>,
+    pub(super) commanded_torque: SVector<f64, N>,
 }
 
 /// Why a motion was ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Broken {
+pub(super) enum Broken {
     /// States no longer arrive.
     Stale,
     /// A joint is elsewhere than it shall be, by so much \[rad or m\].
@@ -56,13 +56,13 @@ pub enum Broken {
 
 /// A motion of one joint on a path without a jerk at its ends.
 #[derive(Debug, Clone, Copy)]
-pub struct Path {
+pub(super) struct Path {
     /// Which joint.
-    pub joint: usize,
+    pub(super) joint: usize,
     /// From and to, relative to where the arm was found \[rad or m\].
-    pub offsets: [f64; 2],
+    pub(super) offsets: [f64; 2],
     /// How long it takes \[s\].
-    pub duration_s: f64,
+    pub(super) duration_s: f64,
 }
 
 impl Path {
@@ -81,7 +81,7 @@ impl Path {
 
 /// Moves the arm.
 #[derive(Debug)]
-pub struct Mover<'a, const N: usize> {
+pub(super) struct Mover<'a, const N: usize> {
     ports: ControllerPorts,
     chain: &'a Chain<N>,
     motion: MotionGenerator<N>,
@@ -94,12 +94,16 @@ pub struct Mover<'a, const N: usize> {
     /// Where the arm was found.
     home: Option<SVector<f64, N>>,
     /// Since the last [`Mover::forget`].
-    pub trace: Vec<Moment<N>>,
+    pub(super) trace: Vec<Moment<N>>,
 }
 
 impl<'a, const N: usize> Mover<'a, N> {
     /// An arm that was not yet moved.
-    pub fn new(ports: ControllerPorts, chain: &'a Chain<N>, config: &ControllerConfig) -> Self {
+    pub(super) fn new(
+        ports: ControllerPorts,
+        chain: &'a Chain<N>,
+        config: &ControllerConfig,
+    ) -> Self {
         let limits = JointLimits::new(chain, &config.robot);
         Self {
             ports,
@@ -118,7 +122,7 @@ impl<'a, const N: usize> Mover<'a, N> {
 
     /// How far joint `i` is moved \[rad or m\]: towards the middle of its range.
     #[must_use]
-    pub fn amplitude(&self, i: usize) -> f64 {
+    pub(super) fn amplitude(&self, i: usize) -> f64 {
         let size = match self.chain.joint_kind(i) {
             Some(JointKind::Prismatic) => AMPLITUDE_M,
             _ => AMPLITUDE_RAD,
@@ -130,12 +134,12 @@ impl<'a, const N: usize> Mover<'a, N> {
 
     /// Where the newest state says that the joints are, relative to where they were found \[rad or m\].
     #[must_use]
-    pub fn offset(&self) -> Option<SVector<f64, N>> {
+    pub(super) fn offset(&self) -> Option<SVector<f64, N>> {
         Some(self.measured()?.position - self.home?)
     }
 
     /// Forgets what was measured so far.
-    pub fn forget(&mut self) {
+    pub(super) fn forget(&mut self) {
         self.trace.clear();
     }
 
@@ -196,7 +200,7 @@ impl<'a, const N: usize> Mover<'a, N> {
     ///
     /// # Errors
     /// Where it cannot be held.
-    pub fn hold(&mut self, duration_s: f64) -> Result<(), Broken> {
+    pub(super) fn hold(&mut self, duration_s: f64) -> Result<(), Broken> {
         let begun_ns = monotonic_ns();
         let mut held_ns = 0;
         while monotonic_ns() - begun_ns < 5_000_000_000 {
@@ -225,7 +229,7 @@ impl<'a, const N: usize> Mover<'a, N> {
     ///
     /// # Errors
     /// Why it was ended.
-    pub fn go(
+    pub(super) fn go(
         &mut self,
         path: &Path,
         from_s: f64,
@@ -277,7 +281,7 @@ impl<'a, const N: usize> Mover<'a, N> {
     }
 
     /// Publishes nothing for so long \[s\], and watches.
-    pub fn watch(&mut self, duration_s: f64) {
+    pub(super) fn watch(&mut self, duration_s: f64) {
         let ticks = (duration_s / self.period_s()) as u64;
         for _ in 0..ticks {
             self.look();
@@ -286,7 +290,7 @@ impl<'a, const N: usize> Mover<'a, N> {
     }
 
     /// Tells the robot that the controller leaves.
-    pub fn leave(mut self) {
+    pub(super) fn leave(mut self) {
         for _ in 0..20 {
             self.look();
             self.publish(CommandMode::Stop, Reason::StopRequested);

@@ -13,25 +13,25 @@ const LOOK: Duration = Duration::from_micros(200);
 
 /// A message, and when it was received.
 #[derive(Debug, Clone, Copy)]
-pub struct Received<M> {
+pub(super) struct Received<M> {
     /// The message.
-    pub message: M,
+    pub(super) message: M,
     /// On CLOCK_MONOTONIC \[ns\].
-    pub at_ns: u64,
+    pub(super) at_ns: u64,
 }
 
 /// What was received.
 #[derive(Debug, Default)]
-pub struct Recording {
+pub(super) struct Recording {
     /// States, in the order in which they came.
-    pub states: Vec<Received<RobotState>>,
+    pub(super) states: Vec<Received<RobotState>>,
     /// The newest frames; a message each time they were looked for and had changed.
-    pub frames: Vec<Received<TaskFrames>>,
+    pub(super) frames: Vec<Received<TaskFrames>>,
 }
 
 impl Recording {
     /// Records for so long once a first state has come.
-    pub fn take(
+    pub(super) fn take(
         state: &Subscriber<RobotState>,
         frames: Option<&Subscriber<TaskFrames>>,
         duration: Duration,
