@@ -372,6 +372,12 @@ class Run:
             if first:
                 started = time.monotonic()
             first = False
+            # In lockstep the controller's clock is that of the states.
+            if self.command.time_ns != time_ns and not self.left_on_purpose():
+                raise BridgeError(
+                    f"the controller of instance `{self.options.instance}` answers on the machine's "
+                    "clock, this bridge runs in lockstep: start both with --lockstep, or both without"
+                )
             self.read_status(ports)
             self.recorded += bytes(self.command)
             self.judge_command(time_ns, True)

@@ -9,11 +9,8 @@ use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenOrCreateError;
 use thiserror::Error;
 
-use crate::bounds::ServiceBounds;
+use crate::bounds::{SUBSCRIBERS_MAX, ServiceBounds};
 use crate::shared_memory::SharedMemoryFault;
-
-/// Most readers that a service can have.
-pub(crate) const SUBSCRIBERS_MAX: usize = 8;
 
 /// Why the services of an instance could not be opened.
 #[derive(Debug, Error)]

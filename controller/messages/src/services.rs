@@ -458,7 +458,7 @@ pub struct StatusPort {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::error::SUBSCRIBERS_MAX;
+    use crate::bounds::SUBSCRIBERS_MAX;
 
     fn instance(test: &str) -> Instance {
         Instance::new(&format!("{test}-{}", std::process::id())).unwrap()
@@ -535,47 +535,6 @@ mod tests {
         assert!(matches!(error, ServiceError::TooManySubscribers(_)), "{error}");
         drop(readers);
         assert!(instance.open_observer().is_ok());
-    }
-
-    /// Whoever comes first: another bound is an error of whoever comes second, with both bounds.
-    #[test]
-    fn a_service_of_other_bounds_is_refused_with_what_was_expected_and_found() {
-        for (publishers, buffer) in [(2, OBSERVER_BUFFER), (1, 1), (1, 2 * OBSERVER_BUFFER)] {
-            let instance = instance(&format!("bounds-{publishers}-{buffer}"));
-            let theirs = instance.open(|node| {
-                let name: ServiceName =
-                    format!("{}/robot_state/v1", instance.name()).as_str().try_into().unwrap();
-                let service = node
-                    .service_builder(&name)
-                    .publish_subscribe::<RobotState>()
-                    .max_publishers(publishers)
-                    .max_subscribers(8)
-                    .max_nodes(16)
-                    .history_size(1)
-                    .subscriber_max_buffer_size(buffer)
-                    .create();
-                Ok(service.unwrap())
-            });
-            let error = instance.open_controller().unwrap_err().to_string();
-            let found = format!("found max_publishers {publishers}");
-            assert!(error.contains("expected max_publishers 1,"), "{error}");
-            assert!(error.contains(&found) && error.contains(&format!(" {buffer},")), "{error}");
-            drop(theirs);
-        }
-    }
-
-    #[test]
-    fn a_message_of_another_size_is_named_on_both_sides() {
-        let instance = instance("type");
-        let theirs = instance.open(|node| {
-            let name: ServiceName =
-                format!("{}/robot_state/v1", instance.name()).as_str().try_into().unwrap();
-            Ok(node.service_builder(&name).publish_subscribe::<JointCommand>().create().unwrap())
-        });
-        let error = instance.open_controller().unwrap_err().to_string();
-        assert!(error.contains("RobotState of 232 bytes"), "{error}");
-        assert!(error.contains("found JointCommandV1 of 368 bytes"), "{error}");
-        drop(theirs);
     }
 
     #[test]

@@ -239,6 +239,10 @@ impl Run {
                 break Outcome::ControllerLost;
             }
             first_ns.get_or_insert_with(monotonic_ns);
+            // In lockstep the controller's clock is that of the states.
+            if self.command.time_ns != time_ns && !self.stop_requested() {
+                return Err(SimError::NotInLockstep(self.instance.clone()));
+            }
             if let Some(recorded) = &mut self.recorded {
                 append_bytes(recorded, &self.command);
             }
