@@ -347,6 +347,13 @@ class Run:
 
     # Lockstep.
 
+    def not_in_lockstep(self) -> BridgeError:
+        """The controller runs against the machine's clock."""
+        return BridgeError(
+            f"the controller of instance `{self.options.instance}` answers on the machine's "
+            "clock, this bridge runs in lockstep: start both with --lockstep, or both without"
+        )
+
     def lockstep(self, ports: StatePublisherPorts, stop: StopSignal) -> Outcome:
         """Steps a simulated clock, one command a state, until the run is over."""
         publication = self.publication
@@ -374,10 +381,7 @@ class Run:
             first = False
             # In lockstep the controller's clock is that of the states.
             if self.command.time_ns != time_ns and not self.left_on_purpose():
-                raise BridgeError(
-                    f"the controller of instance `{self.options.instance}` answers on the machine's "
-                    "clock, this bridge runs in lockstep: start both with --lockstep, or both without"
-                )
+                raise self.not_in_lockstep()
             self.read_status(ports)
             self.recorded += bytes(self.command)
             self.judge_command(time_ns, True)

@@ -98,7 +98,8 @@ class Instance:
         if found != self.bounds(topic):
             raise BridgeError(
                 f"service `{self._name(topic)}` exists with other bounds: expected "
-                f"{_listed(self.bounds(topic))}; found {_listed(found)}: make it with the expected ones"
+                f"{_listed(self.bounds(topic))}; found {_listed(found)}: make it with the "
+                "expected ones"
             )
         return service
 

@@ -146,14 +146,15 @@ impl Publisher {
             }
         }
         let now_ns = monotonic_ns();
-        let action = self.guard.judge(now_ns, new.as_ref(), &self.state);
-        let setpoint = action.setpoint();
-        (self.state.position, self.state.velocity) = (setpoint.position, setpoint.velocity);
         if self.wrong == Wrong::NoExpiry && now_ns > self.last.expiry_ns {
+            self.state.velocity = self.last.velocity;
             for i in 0..2 {
-                self.state.velocity[i] = self.last.velocity[i];
                 self.state.position[i] += 1e-3 * self.last.velocity[i];
             }
+        } else {
+            let action = self.guard.judge(now_ns, new.as_ref(), &self.state);
+            let setpoint = action.setpoint();
+            (self.state.position, self.state.velocity) = (setpoint.position, setpoint.velocity);
         }
         self.state.sequence += 1;
         self.state.time_ns = now_ns;

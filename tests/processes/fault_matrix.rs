@@ -431,3 +431,32 @@ fn every_fault_in_every_phase_ends_at_rest_with_its_reason_as_documented() {
     in_document("reasons", &reasons());
     in_document("faults", &matrix(&Place::new("matrix")));
 }
+
+#[test]
+fn a_start_frame_in_another_order_is_found_before_any_motion() {
+    let place = Place::new("order");
+    let model = place.train("pick");
+    let mut arm = Arm::start(&place, &model, "quaternion");
+    for _ in 0..100 {
+        arm.step(Some(|_, frames| frames.frames[0].quaternion.rotate_left(1)));
+        assert!(arm.mode() != CommandMode::Track && arm.speed() == 0.0);
+    }
+    assert_eq!(arm.reason(), Reason::QuaternionOrder);
+    arm.until("goes on", |arm| arm.mode() == CommandMode::Track);
+    arm.stop();
+}
+
+#[test]
+fn at_the_goal_it_says_that_it_waits_for_the_gripper() {
+    let place = Place::new("awaited");
+    let model = place.train("pick");
+    let mut arm = Arm::start(&place, &model, "gripper");
+    let awaited = (0..10_000).any(|_| {
+        arm.step(Some(|state, _| state.gripper_state = GripperState::Open.to_wire()));
+        assert_ne!(arm.reason(), Reason::Unreachable);
+        arm.reason() == Reason::GripperAwaited
+    });
+    assert!(awaited, "{:?}", arm.status);
+    arm.until("lifting", |arm| arm.life_cycle() == LifeCycle::Lifting);
+    arm.stop();
+}
