@@ -16,8 +16,10 @@ use crate::control::journal::Entry;
 use crate::control::requests::Setting;
 use crate::control::server::{Exchange, Replacement, Shared};
 use crate::control::supervisor::{Kind, Supervisor, kind};
+use crate::detail::{About, Detail};
 use crate::inputs::estimator::JointState;
 use crate::inputs::external::ExternalCommand;
+use crate::inputs::frozen::FrozenPositions;
 use crate::inputs::inbox::Inbox;
 use crate::motion::generator::{MotionGenerator, Setpoint};
 use crate::motion::limits::JointLimits;
@@ -54,6 +56,9 @@ pub struct Cycle<const N: usize> {
     lasts: bool,
     /// Whether states arrive whose time does not grow.
     time_stands: bool,
+    frozen: FrozenPositions<N>,
+    /// What was seen beside the newest reason.
+    detail: Detail,
     supervisor: Supervisor,
     shared: Shared,
     exchange: Option<Exchange<N>>,
@@ -99,6 +104,8 @@ impl<const N: usize> Cycle<N> {
             braking_for: None,
             lasts: false,
             time_stands: false,
+            frozen: FrozenPositions::default(),
+            detail: Detail::default(),
             supervisor: Supervisor::new(&config.supervision),
             exchange: None,
             last_entry: None,
@@ -189,7 +196,10 @@ impl<const N: usize> Cycle<N> {
                 .and_then(|state| self.follow_policy(&state, dt, now_ns));
             let (mode, reason) = match followed {
                 Ok(reason) => (CommandMode::Track, reason),
-                Err(reason) => (self.brake(measured.ok(), reason, dt), reason),
+                Err(reason) => {
+                    self.note(self.detail_of(reason, measured.as_ref().ok(), now_ns));
+                    (self.brake(measured.ok(), reason, dt), reason)
+                }
             };
             let stopped = self.has_stopped(measured.ok(), now_ns);
             let mode = if stopped { CommandMode::Stop } else { mode };
@@ -216,7 +226,9 @@ impl<const N: usize> Cycle<N> {
                 self.task.begin(gripper, self.last_entry.as_ref());
                 return true;
             };
-            self.publish_status(missing, monotonic_ns(), &TickTimes::default());
+            let now_ns = monotonic_ns();
+            self.note(self.inbox.detail(missing, now_ns));
+            self.publish_status(missing, now_ns, &TickTimes::default());
             sleep_until(monotonic_ns() + CONNECT_POLL_NS);
         }
         false
@@ -258,7 +270,9 @@ impl<const N: usize> Cycle<N> {
 
     /// Takes what was asked for from outside since the last tick.
     fn take_requests(&mut self, dt: f64) {
-        self.supervisor.take(&self.shared.requests);
+        if self.supervisor.take(&self.shared.requests) {
+            self.frozen.forget();
+        }
         let fraction = dt / (dt + SETTING_TIME_S);
         for setting in Setting::ALL {
             let Some(target) = self.shared.requests.setting(setting) else { continue };
@@ -304,7 +318,35 @@ impl<const N: usize> Cycle<N> {
         self.time_stands = matches!(measured, Err(Reason::StateTimeStuck));
         let (joints, time_ns) = measured?;
         self.motion.observe(&joints, time_ns);
+        self.frozen.update(&joints.position, time_ns, self.outbox.commanded())?;
         Ok(joints)
+    }
+
+    /// What was seen beside this reason, which the arm is brought to rest for.
+    fn detail_of(&self, reason: Reason, measured: Option<&JointState<N>>, now_ns: u64) -> Detail {
+        match (reason, measured, self.frozen.found()) {
+            (Reason::PositionsFrozen, _, Some(found)) => *found,
+            (Reason::JointLimit, Some(state), _) => {
+                let [lower, upper] = &self.motion.limits().position_end;
+                let position = state.position.as_slice();
+                Detail::beyond(position, lower.as_slice(), upper.as_slice())
+            }
+            (Reason::QuaternionOrder, ..) => self.detail,
+            _ => self.inbox.detail(reason, now_ns),
+        }
+    }
+
+    /// Keeps a detail for other threads. One with nothing to add replaces none of the same reason: what it was
+    /// about may have passed, while the arm still comes to rest.
+    fn note(&mut self, detail: Detail) {
+        let same = detail.reason == self.detail.reason;
+        if same && (detail.about == About::Nothing || self.supervisor.check_fault().is_err()) {
+            return;
+        }
+        self.detail = detail;
+        self.telemetry.note(&detail);
+        let Inbox { scene, .. } = &self.inbox;
+        self.shared.detail.write(&detail, scene.names(), self.inbox.found_frames());
     }
 
     /// The state from which the policy may be followed, or why it may not.
@@ -370,6 +412,11 @@ impl<const N: usize> Cycle<N> {
             .policy
             .evaluate(q, qd, &self.task.task(), &parameters, &mut self.workspace)
             .map_err(|_| Reason::ResolveFailed)?;
+        let order = self.inbox.order_of_start(&decision.tool).filter(|_| self.motion.is_new());
+        if let Some(detail) = order {
+            self.note(detail);
+            return Err(detail.reason);
+        }
         let chain = self.policy.chain();
         let setpoint = {
             let closing_1_s = decision.proximity.closing_1_s;
@@ -403,6 +450,7 @@ impl<const N: usize> Cycle<N> {
             rounds: decision.rounds,
             energy: decision.energy,
             goal_speed_m_s: goal_frame.fixed_point(from_frame).first().length(),
+            awaits_gripper: self.task.awaits_gripper(),
         };
         let commanded = self.inbox.external.as_ref().is_some_and(ExternalCommand::is_active);
         self.stall.update(life_cycle, &progress, &decision.proximity, commanded, dt)

@@ -6,8 +6,10 @@
 
 pub mod arm;
 pub mod commands;
+pub mod conformance;
 pub mod control;
 pub mod cycle;
+pub mod detail;
 pub mod inputs;
 pub mod motion;
 pub mod outbox;

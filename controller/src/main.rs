@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use tprmp_controller::commands::conformance::Conformance;
 use tprmp_controller::commands::ctl::Ctl;
 use tprmp_controller::commands::run::Run;
 use tprmp_controller::commands::soak::Soak;
@@ -64,6 +65,10 @@ enum Command {
     ///
     /// Judged are allocations, memory and schedule. The exit code is 1 when something does not hold.
     Soak(Soak),
+    /// Look whether a state publisher keeps the contract: without a motion, and with --move by small motions.
+    ///
+    /// The exit code is 1 when a check fails; its remedy stands beside it.
+    Conformance(Conformance),
     /// Print the layout of the shared-memory messages as JSON, for mirrors in other languages.
     Layout,
 }
@@ -77,6 +82,7 @@ fn main() -> ExitCode {
         Command::Ctl(ctl) => exit(ctl.run()),
         Command::Clean { instance } => exit(clean::clean(instance.as_deref())),
         Command::Soak(soak) => exit(soak.run()),
+        Command::Conformance(conformance) => exit(conformance.run()),
         Command::Layout => {
             print_layout();
             exit_code(true)

@@ -53,6 +53,14 @@ impl Outbox {
         self.command.time_ns
     }
 
+    /// The positions and velocities of the last command \[rad or m, rad/s or m/s\]; `None` where it tells the
+    /// robot to brake, or there was none.
+    #[must_use]
+    pub fn commanded(&self) -> Option<(&[f64], &[f64])> {
+        let obeyed = self.command.mode != CommandMode::Stop.to_wire();
+        obeyed.then_some((&self.command.position, &self.command.velocity))
+    }
+
     /// Puts a setpoint into the next command.
     pub fn set<const N: usize>(&mut self, setpoint: &Setpoint<N>) {
         for (from, to) in [

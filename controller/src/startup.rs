@@ -387,6 +387,7 @@ pub fn cycle<const N: usize>(
         return Err(StartError::key(config_path, "--until-done", expected, "a periodic one"));
     }
     let replacement = replacement::<N>(config_path, loaded)?;
+    shared.detail.name_joints(&config.robot.joints);
     let mut ports: ControllerPorts = instance.open_controller()?;
     if config.external.is_some() {
         ports.listen()?;

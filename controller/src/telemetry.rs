@@ -6,6 +6,7 @@ use hdrhistogram::Histogram;
 use serde_json::{Value, json};
 use tprmp_messages::{LifeCycle, Reason};
 
+use crate::detail::{Detail, SharedDetail, Snapshot, explain};
 use crate::motion::caution::Slowed;
 use crate::peers::Connections;
 use crate::skill_leaf::Choice;
@@ -249,6 +250,8 @@ pub struct Telemetry {
     worst: WorstTicks,
     longest: WorstTicks,
     reasons: [u64; Reason::ALL.len()],
+    /// The last one of each reason.
+    details: [Detail; Reason::ALL.len()],
     /// Ticks so far.
     pub ticks: u64,
     /// Ticks that ended after their deadline or came after skipped periods.
@@ -278,10 +281,32 @@ impl Telemetry {
             worst: WorstTicks::new(TickTimes::response_ns),
             longest: WorstTicks::new(TickTimes::compute_ns),
             reasons: [0; Reason::ALL.len()],
+            details: [Detail::default(); Reason::ALL.len()],
             ticks: 0,
             deadline_misses: 0,
             skipped_periods: 0,
         }
+    }
+
+    /// Keeps what was seen beside a reason. No allocation.
+    pub fn note(&mut self, detail: &Detail) {
+        self.details[detail.reason.to_wire() as usize] = *detail;
+    }
+
+    /// What was seen beside each reason the last time, in words, by the reason's name.
+    #[must_use]
+    pub fn details(&self, shared: &SharedDetail) -> Value {
+        let texts = self.details.iter().filter_map(|detail| {
+            let newest = shared.read(detail.reason);
+            let older = || Snapshot {
+                detail: *detail,
+                joints: shared.joints().to_vec(),
+                ..Snapshot::default()
+            };
+            let text = explain(&newest.unwrap_or_else(older))?;
+            Some((format!("{:?}", detail.reason), text.into()))
+        });
+        Value::Object(texts.collect())
     }
 
     /// Records a tick. No allocation.

@@ -8,11 +8,12 @@ import sys
 import time
 
 from sim_bridge.guard import Bounds, CommandGuard, JointBounds
-from sim_bridge.messages import JointCommand, RobotState, TaskFrames, write_name
+from sim_bridge.messages import JointCommand, RobotState, TaskFrames, joint_names_hash, write_name
 from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
 
 instance = sys.argv[1] if len(sys.argv) > 1 else "default"
 state, frames = RobotState(joint_count=2), TaskFrames(frame_count=2)
+state.joint_names_hash = joint_names_hash(("x_joint", "y_joint"))
 for frame, name, position in zip(frames.frames, ("start", "end"), ((0, 0, 0), (2, 1, 0))):
     write_name(frame, name)
     frame.valid, frame.position[:], frame.quaternion[:] = 1, position, (1, 0, 0, 0)

@@ -10,6 +10,7 @@ Conventions: SI units, quaternions `w, x, y, z`, poses and velocities in the rob
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterable
 from enum import IntEnum
 
 JOINT_CAPACITY = 8
@@ -114,6 +115,17 @@ class Reason(IntEnum):
     ENDED_UNEXPECTEDLY = 34
     ARM_ELSEWHERE = 35
     GRIPPER_HOLDS = 36
+    JOINT_ORDER = 37
+    POSITIONS_FROZEN = 38
+    PUBLISHER_NOT_IN_LOCKSTEP = 39
+    FRAME_COUNT = 40
+    FRAME_FAR = 41
+    QUATERNION_ORDER = 42
+    OBSTACLE_COUNT = 43
+    OBSTACLE_SIZE = 44
+    OBSTACLE_QUATERNION = 45
+    GRIPPER_NONE = 46
+    GRIPPER_AWAITED = 47
 
 
 class ObstacleKind(IntEnum):
@@ -137,10 +149,11 @@ class _Message(ctypes.Structure):
 class RobotState(_Message):
     """The state of the robot, from the bridge to the controller."""
 
-    WIRE_NAME = "RobotStateV2"
+    WIRE_NAME = "RobotStateV3"
     _fields_ = [
         *_all(_U64, "sequence time_ns"),
         *_all(_U32, "joint_count gripper_state robot_mode safety_stop"),
+        ("joint_names_hash", _U64),
         *_all(_Joints, "position velocity torque"),
     ]
 
@@ -239,7 +252,7 @@ class ControllerStatus(_Message):
 
 
 MESSAGES = {
-    "RobotState": (RobotState, 224),
+    "RobotState": (RobotState, 232),
     "TaskFrames": (TaskFrames, 5464),
     "Frame": (Frame, 136),
     "Obstacle": (Obstacle, 136),
@@ -273,6 +286,17 @@ def layout() -> list[dict[str, object]]:
 def reason_name(reason: int) -> str:
     """The name of a `Reason` in reports; of one that is unknown, its number."""
     return Reason(reason).name.lower() if reason in frozenset(Reason) else f"reason {reason}"
+
+
+def joint_names_hash(names: Iterable[str]) -> int:
+    """What `RobotState.joint_names_hash` is for joints of these names in this order; never 0.
+
+    FNV-1a of 64 bits over each name's UTF-8 and a zero: the same as in `controller/messages`.
+    """
+    value = 0xCBF29CE484222325
+    for byte in b"".join(name.encode() + b"\0" for name in names):
+        value = ((value ^ byte) * 0x100000001B3) % 2**64
+    return max(value, 1)
 
 
 def write_name(frame: Frame, name: str) -> None:

@@ -42,6 +42,7 @@ from sim_bridge.messages import (
     Reason,
     RobotState,
     TaskFrames,
+    joint_names_hash,
     write_name,
 )
 from sim_bridge.poses import Array, quaternion_from_rotation
@@ -114,7 +115,8 @@ class Publication:
     def __init__(self, world: World, start_frame: str, goal_frame: str) -> None:
         self.world = world
         self.frames = TaskFrames(frame_count=2, obstacle_count=2)
-        self.state = RobotState(joint_count=len(world.joints))
+        names = world.chain.joint_names
+        self.state = RobotState(joint_count=len(names), joint_names_hash=joint_names_hash(names))
         x_start = world.tool_pose()
         start, goal = self.frames.frames[0], self.frames.frames[1]
         write_name(start, start_frame)
@@ -345,6 +347,13 @@ class Run:
 
     # Lockstep.
 
+    def not_in_lockstep(self) -> BridgeError:
+        """The controller runs against the machine's clock."""
+        return BridgeError(
+            f"the controller of instance `{self.options.instance}` answers on the machine's "
+            "clock, this bridge runs in lockstep: start both with --lockstep, or both without"
+        )
+
     def lockstep(self, ports: StatePublisherPorts, stop: StopSignal) -> Outcome:
         """Steps a simulated clock, one command a state, until the run is over."""
         publication = self.publication
@@ -370,6 +379,9 @@ class Run:
             if first:
                 started = time.monotonic()
             first = False
+            # In lockstep the controller's clock is that of the states.
+            if self.command.time_ns != time_ns and not self.left_on_purpose():
+                raise self.not_in_lockstep()
             self.read_status(ports)
             self.recorded += bytes(self.command)
             self.judge_command(time_ns, True)

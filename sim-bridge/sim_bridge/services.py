@@ -82,7 +82,7 @@ class Instance:
     ) -> iceoryx2.PortFactoryPublishSubscribe:
         """Opens or creates a service; raises `BridgeError` when the other side differs."""
         with self._explained(topic, message):
-            return (
+            service = (
                 node.service_builder(iceoryx2.ServiceName.new(self._name(topic)))
                 .publish_subscribe(message)
                 .max_publishers(1)
@@ -93,6 +93,27 @@ class Instance:
                 .enable_safe_overflow(True)
                 .open_or_create()
             )
+        # iceoryx2 compares some of them only, and only where they are smaller.
+        found = {bound: getattr(service.static_config, bound) for bound in self.bounds(topic)}
+        if found != self.bounds(topic):
+            raise BridgeError(
+                f"service `{self._name(topic)}` exists with other bounds: expected "
+                f"{_listed(self.bounds(topic))}; found {_listed(found)}: make it with the "
+                "expected ones"
+            )
+        return service
+
+    @staticmethod
+    def bounds(topic: str) -> dict[str, int | bool]:
+        """What the service of a topic is made with, on both sides."""
+        return {
+            "max_publishers": 1,
+            "max_subscribers": 8,
+            "max_nodes": 16,
+            "history_size": 1,
+            "subscriber_max_buffer_size": OBSERVER_BUFFER if topic in OBSERVED else 1,
+            "has_safe_overflow": True,
+        }
 
     def publisher(
         self, node: iceoryx2.Node, topic: str, message: type[ctypes.Structure]
@@ -130,6 +151,10 @@ class Instance:
             if "ExceedsMaxSupportedPublishers" in str(error):
                 text = f"{service} already has a publisher: another one is running on this instance"
             raise BridgeError(text) from error
+
+
+def _listed(bounds: dict[str, int | bool]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in bounds.items())
 
 
 class _Ports:

@@ -15,7 +15,7 @@ CONTROLLER = ROOT / "target" / "release" / "controller"
 @pytest.mark.parametrize(
     ("name", "size"),
     [
-        ("RobotState", 224),
+        ("RobotState", 232),
         ("Frame", 136),
         ("Obstacle", 136),
         ("TaskFrames", 5464),
@@ -48,3 +48,8 @@ def test_a_name_survives_the_wire():
     messages.write_name(frame, "ee_start")
     assert messages.read_name(frame) == "ee_start"
     assert bytes(frame.name) == b"ee_start" + bytes(16)
+
+
+def test_the_hash_of_joint_names_is_that_of_the_controller():
+    assert messages.joint_names_hash(["x_joint", "y_joint"]) == 0x74602FE1934CFFD4
+    assert messages.joint_names_hash(["y_joint", "x_joint"]) != 0x74602FE1934CFFD4

@@ -16,7 +16,8 @@ use tprmp_controller::startup;
 use tprmp_controller::timing::pacing::Pacing;
 use tprmp_messages::{
     CommandMode, ControllerStatus, Frame, GripperCommand, GripperState, Instance, JointCommand,
-    LifeCycle, Reason, RobotMode, RobotState, StatePublisherPorts, TaskFrames,
+    LifeCycle, Obstacle, ObstacleKind, Reason, RobotMode, RobotState, StatePublisherPorts,
+    TaskFrames, joint_names_hash,
 };
 use tprmp_model::controller_config;
 use tprmp_robot::{Chain, Kinematics, forward_kinematics};
@@ -93,6 +94,10 @@ const FAULTS: &[Fault] = &[
         s.robot_mode = RobotMode::Fault.to_wire();
     }),
     fault("the safety flag", Reason::SafetyStop, |s, _| s.safety_stop = 1),
+    fault("joints in another order, by their names", Reason::JointOrder, |s, _| {
+        s.joint_names_hash = joint_names_hash(&["wrist_3_joint", "shoulder_pan_joint"]);
+    }),
+    fault("no gripper", Reason::GripperNone, |s, _| s.gripper_state = 0),
     fault("a gripper state of 9", Reason::GripperUnknown, |s, _| s.gripper_state = 9),
     fault("the goal's frame marked invalid", Reason::FrameMissing, |_, f| f.frames[GOAL].valid = 0),
     fault("the goal's frame of another name", Reason::FrameMissing, |_, f| {
@@ -109,7 +114,25 @@ const FAULTS: &[Fault] = &[
         f.obstacles[0].valid = 1;
         f.obstacles[0].kind = 99;
     }),
-    fault("33 obstacles", Reason::ObstacleUnknown, |_, f| f.obstacle_count = 33),
+    fault("33 obstacles", Reason::ObstacleCount, |_, f| f.obstacle_count = 33),
+    fault("nine frames", Reason::FrameCount, |_, f| f.frame_count = 9),
+    fault("a frame in millimetres", Reason::FrameFar, |_, f| {
+        f.frames[GOAL].position = [500.0, -200.0, 29.4];
+    }),
+    fault("a ball of radius 0", Reason::ObstacleSize, |_, f| {
+        f.obstacle_count = 1;
+        f.obstacles[0].valid = 1;
+    }),
+    fault("a box with a quaternion of length 1.5", Reason::ObstacleQuaternion, |_, f| {
+        f.obstacle_count = 1;
+        f.obstacles[0] = Obstacle {
+            kind: ObstacleKind::Box.to_wire(),
+            valid: 1,
+            quaternion: [1.5, 0.0, 0.0, 0.0],
+            size: [0.1; 3],
+            ..Default::default()
+        };
+    }),
     fault("frames that are half a second old", Reason::FramesStale, |_, f| {
         f.time_ns -= 500_000_000;
     }),
@@ -407,4 +430,33 @@ fn in_document(name: &str, table: &str) {
 fn every_fault_in_every_phase_ends_at_rest_with_its_reason_as_documented() {
     in_document("reasons", &reasons());
     in_document("faults", &matrix(&Place::new("matrix")));
+}
+
+#[test]
+fn a_start_frame_in_another_order_is_found_before_any_motion() {
+    let place = Place::new("order");
+    let model = place.train("pick");
+    let mut arm = Arm::start(&place, &model, "quaternion");
+    for _ in 0..100 {
+        arm.step(Some(|_, frames| frames.frames[0].quaternion.rotate_left(1)));
+        assert!(arm.mode() != CommandMode::Track && arm.speed() == 0.0);
+    }
+    assert_eq!(arm.reason(), Reason::QuaternionOrder);
+    arm.until("goes on", |arm| arm.mode() == CommandMode::Track);
+    arm.stop();
+}
+
+#[test]
+fn at_the_goal_it_says_that_it_waits_for_the_gripper() {
+    let place = Place::new("awaited");
+    let model = place.train("pick");
+    let mut arm = Arm::start(&place, &model, "gripper");
+    let awaited = (0..10_000).any(|_| {
+        arm.step(Some(|state, _| state.gripper_state = GripperState::Open.to_wire()));
+        assert_ne!(arm.reason(), Reason::Unreachable);
+        arm.reason() == Reason::GripperAwaited
+    });
+    assert!(awaited, "{:?}", arm.status);
+    arm.until("lifting", |arm| arm.life_cycle() == LifeCycle::Lifting);
+    arm.stop();
 }

@@ -37,7 +37,7 @@ fn faulty_input_brings_the_arm_to_rest_with_a_reason_and_it_resumes() {
         (none_state, |f| f.frames[1].quaternion[3] = f64::NAN, Reason::FrameNotFinite),
         (none_state, |f| f.obstacles[0].linear_velocity[0] = f64::INFINITY, Reason::FrameNotFinite),
         (none_state, |f| f.obstacles[0].kind = 99, Reason::ObstacleUnknown),
-        (none_state, |f| f.obstacle_count = 99, Reason::ObstacleUnknown),
+        (none_state, |f| f.obstacle_count = 99, Reason::ObstacleCount),
     ];
     let place = Place::new("faults");
     let (mut robot, controller) = start(&place, &["--lockstep"]);
@@ -217,4 +217,25 @@ fn a_controller_that_was_held_up_says_so_and_does_not_catch_up() {
         assert!(worst["wake_up_us"].as_f64().unwrap() > 1e5, "{worst}");
         assert!(worst["skipped_periods"].as_u64().unwrap() >= 100, "{worst}");
     }
+}
+
+/// The same positions again and again with new stamps and numbers, while the point moves.
+#[test]
+fn positions_that_stand_still_in_motion_are_found_within_50_ms_and_told_with_the_joint() {
+    let place = Place::new("frozen");
+    let (mut robot, controller) = start(&place, &["--lockstep"]);
+    robot.run_up();
+    let position = robot.state.position;
+    let freeze = |state: &mut RobotState| {
+        (state.position, state.velocity) = (position, [0.0; 8]);
+    };
+    let found = (0..60).find(|_| {
+        let command = robot.exchange(freeze, |_| {});
+        command.reason == Reason::PositionsFrozen.to_wire()
+    });
+    assert!(found.is_some_and(|ms| ms <= 50), "{found:?}");
+    stop(robot, controller);
+    let summary = crate::common::json(&place.path("controller.json"));
+    let said = summary["seen_by_reason"]["PositionsFrozen"].as_str().unwrap();
+    assert!(said.starts_with("joint 1 `x_joint` stays at "), "{said}");
 }

@@ -4,6 +4,7 @@
 mod bad_input;
 mod command;
 mod common;
+mod conformance;
 mod control;
 mod crashes;
 mod examples;

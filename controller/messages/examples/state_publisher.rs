@@ -6,14 +6,16 @@ use std::{env, error::Error, sync::atomic::Ordering, thread, time::Duration};
 
 use rustix::time::{ClockId, clock_gettime};
 use tprmp_messages::{
-    Bounds, CommandGuard, Frame, Instance, JointBounds, RobotState, TaskFrames, stop_flag,
+    Bounds, CommandGuard, Frame, Instance, JointBounds, RobotState, TaskFrames, joint_names_hash,
+    stop_flag,
 };
 
 fn main() -> Result<(), Box<dyn Error>> {
     let instance = env::args().nth(1).unwrap_or_else(|| "default".into());
     let ports = Instance::new(&instance)?.open_state_publisher()?;
     let stop = stop_flag()?;
-    let mut state = RobotState { joint_count: 2, ..Default::default() };
+    let joint_names_hash = joint_names_hash(&["x_joint", "y_joint"]);
+    let mut state = RobotState { joint_count: 2, joint_names_hash, ..Default::default() };
     let mut frames = TaskFrames { frame_count: 2, ..Default::default() };
     frames.frames[0] = Frame::at("start", [0.0, 0.0, 0.0])?;
     frames.frames[1] = Frame::at("end", [2.0, 1.0, 0.0])?;

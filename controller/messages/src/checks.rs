@@ -9,6 +9,8 @@ use crate::messages::{
 
 /// How far a quaternion's length may be from one.
 pub const QUATERNION_TOLERANCE: f64 = 1e-3;
+/// No frame is farther from the robot's base: what is, is in millimetres, or seen from elsewhere \[m\].
+pub const FRAME_DISTANCE_MAX_M: f64 = 20.0;
 
 /// A name that no message carries; as text, what was expected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,9 +28,15 @@ fn finite<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
     values.into_iter().all(|value| value.is_finite())
 }
 
+/// Length of a quaternion.
+#[must_use]
+pub fn quaternion_length([w, x, y, z]: [f64; 4]) -> f64 {
+    (x * x + y * y + z * z + w * w).sqrt()
+}
+
 /// Whether a quaternion `w, x, y, z` is of unit length, up to [`QUATERNION_TOLERANCE`].
-fn is_unit([w, x, y, z]: [f64; 4]) -> bool {
-    ((x * x + y * y + z * z + w * w).sqrt() - 1.0).abs() <= QUATERNION_TOLERANCE
+fn is_unit(quaternion: [f64; 4]) -> bool {
+    (quaternion_length(quaternion) - 1.0).abs() <= QUATERNION_TOLERANCE
 }
 
 fn check(holds: bool, reason: Reason) -> Result<(), Reason> {
@@ -66,7 +74,7 @@ impl TaskFrames {
     /// # Errors
     /// When there are more of them than a message carries.
     pub fn listed(&self) -> Result<&[Frame], Reason> {
-        self.frames.get(..self.frame_count as usize).ok_or(Reason::FrameMissing)
+        self.frames.get(..self.frame_count as usize).ok_or(Reason::FrameCount)
     }
 
     /// The obstacles that are there.
@@ -75,7 +83,7 @@ impl TaskFrames {
     /// When more are in use than a message carries.
     pub fn present(&self) -> Result<impl Iterator<Item = &Obstacle>, Reason> {
         let listed = self.obstacles.get(..self.obstacle_count as usize);
-        Ok(listed.ok_or(Reason::ObstacleUnknown)?.iter().filter(|obstacle| obstacle.valid != 0))
+        Ok(listed.ok_or(Reason::ObstacleCount)?.iter().filter(|obstacle| obstacle.valid != 0))
     }
 }
 
@@ -109,12 +117,20 @@ impl Frame {
     /// Whether its pose and velocities can be used.
     ///
     /// # Errors
-    /// As [`Self::check_pose`].
+    /// As [`Self::check_pose`], and when it is farther than [`FRAME_DISTANCE_MAX_M`] from the base.
     pub fn check(&self) -> Result<(), Reason> {
         let velocity = self.linear_velocity.iter().chain(&self.angular_velocity);
         check(self.valid == 1, Reason::FrameMissing)?;
         check(finite(velocity), Reason::FrameNotFinite)?;
-        self.check_pose()
+        self.check_pose()?;
+        check(self.distance_m() <= FRAME_DISTANCE_MAX_M, Reason::FrameFar)
+    }
+
+    /// How far it is from the base \[m\].
+    #[must_use]
+    pub fn distance_m(&self) -> f64 {
+        let [x, y, z] = self.position;
+        x.hypot(y).hypot(z)
     }
 }
 
@@ -123,24 +139,34 @@ impl Obstacle {
     /// sides: the length of its quaternion does not matter.
     ///
     /// # Errors
-    /// When its mark, kind or size is none that there is, a number is not finite, or the quaternion is
-    /// not of unit length.
+    /// When its mark or kind is none that there is, a size is zero or negative (but the length of a capsule
+    /// may be zero), a number is not finite, or the quaternion is not of unit length.
     pub fn check(&self) -> Result<ObstacleKind, Reason> {
         check(self.valid == 1, Reason::ObstacleUnknown)?;
         check(finite(self.quaternion.iter().chain(&self.size)), Reason::FrameNotFinite)?;
         let kind = ObstacleKind::from_wire(self.kind).ok_or(Reason::ObstacleUnknown)?;
-        let sizes = match kind {
-            ObstacleKind::HalfSpace => 0,
-            ObstacleKind::Sphere => 1,
-            ObstacleKind::Capsule => 2,
-            ObstacleKind::Box => 3,
-        };
-        check(self.size[..sizes].iter().all(|size| *size >= 0.0), Reason::ObstacleUnknown)?;
+        check(self.bad_size(kind).is_none(), Reason::ObstacleSize)?;
         let turns = kind != ObstacleKind::Sphere;
-        check(!turns || is_unit(self.quaternion), Reason::QuaternionNotUnit)?;
+        check(!turns || is_unit(self.quaternion), Reason::ObstacleQuaternion)?;
         let motion = [self.position, self.linear_velocity, self.angular_velocity];
         check(finite(motion.as_flattened()), Reason::FrameNotFinite)?;
         Ok(kind)
+    }
+}
+
+impl Obstacle {
+    /// Which of its sizes is none that this kind can have, the first one.
+    #[must_use]
+    pub fn bad_size(&self, kind: ObstacleKind) -> Option<usize> {
+        let (sizes, least): (usize, fn(f64) -> bool) = match kind {
+            ObstacleKind::HalfSpace => (0, |_| true),
+            ObstacleKind::Sphere => (1, |size| size > 0.0),
+            // One without length is a ball.
+            ObstacleKind::Capsule if self.size[0] > 0.0 => (2, |size| size >= 0.0),
+            ObstacleKind::Capsule => (1, |size| size > 0.0),
+            ObstacleKind::Box => (3, |size| size > 0.0),
+        };
+        self.size[..sizes].iter().position(|size| !least(*size))
     }
 }
 
@@ -168,6 +194,17 @@ pub fn name_str(bytes: &[u8; NAME_CAPACITY]) -> Option<&str> {
     core::str::from_utf8(unpadded(bytes)).ok()
 }
 
+/// What [`RobotState::joint_names_hash`] is for joints of these names in this order: FNV-1a of 64 bits over each
+/// name's UTF-8 and a zero. Never 0, which says that it is not given.
+#[must_use]
+pub fn joint_names_hash(names: &[impl AsRef<str>]) -> u64 {
+    let bytes = names.iter().flat_map(|name| name.as_ref().bytes().chain([0]));
+    let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    });
+    hash.max(1)
+}
+
 /// A text from the wire, without the zeros that fill its place.
 pub(crate) fn unpadded(bytes: &[u8]) -> &[u8] {
     &bytes[..bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len())]
@@ -177,6 +214,8 @@ pub(crate) fn unpadded(bytes: &[u8]) -> &[u8] {
 mod tests {
     use super::*;
 
+    const HASH_XY: u64 = 0x7460_2fe1_934c_ffd4;
+
     #[test]
     fn a_name_survives_the_wire_and_a_bad_one_is_refused() {
         assert_eq!(name_str(&name_bytes("object").unwrap()), Some("object"));
@@ -185,6 +224,31 @@ mod tests {
         assert_eq!(name_bytes(&"a".repeat(NAME_CAPACITY + 1)), Err(NameFault));
         assert_eq!(name_bytes(""), Err(NameFault));
         assert_eq!(name_str(&[0xff; NAME_CAPACITY]), None);
+    }
+
+    /// The same numbers stand in the tests of the Python mirror.
+    #[test]
+    fn the_hash_of_names_is_one_of_their_order() {
+        assert_eq!(joint_names_hash(&["x_joint", "y_joint"]), HASH_XY);
+        assert_ne!(joint_names_hash(&["y_joint", "x_joint"]), HASH_XY);
+        assert_ne!(joint_names_hash(&["x_jointy", "_joint"]), HASH_XY);
+        assert_ne!(joint_names_hash(&[""; 0]), 0);
+    }
+
+    #[test]
+    fn a_size_is_above_zero_where_the_kind_has_one() {
+        let size = |kind: ObstacleKind, size| {
+            let quaternion = [1.0, 0.0, 0.0, 0.0];
+            let kind = kind.to_wire();
+            Obstacle { kind, valid: 1, quaternion, size, ..Default::default() }.check()
+        };
+        let bad = Err(Reason::ObstacleSize);
+        assert_eq!(size(ObstacleKind::HalfSpace, [0.0; 3]), Ok(ObstacleKind::HalfSpace));
+        assert_eq!(size(ObstacleKind::Sphere, [0.0; 3]), bad);
+        assert_eq!(size(ObstacleKind::Capsule, [0.1, 0.0, 0.0]), Ok(ObstacleKind::Capsule));
+        assert_eq!(size(ObstacleKind::Capsule, [0.0, 1.0, 0.0]), bad);
+        assert_eq!(size(ObstacleKind::Capsule, [0.1, -1.0, 0.0]), bad);
+        assert_eq!(size(ObstacleKind::Box, [0.1, 0.1, 0.0]), bad);
     }
 
     #[test]

@@ -8,8 +8,9 @@ use iceoryx2::port::server::Server;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::request_response::PortFactory;
 
+use crate::bounds::SUBSCRIBERS_MAX;
 use crate::checks::unpadded;
-use crate::error::{SUBSCRIBERS_MAX, ServiceError};
+use crate::error::ServiceError;
 use crate::messages::wire_enum;
 use crate::services::{Instance, NodeGuard};
 

@@ -6,15 +6,11 @@ use std::path::PathBuf;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::subscriber::SubscriberCreateError;
-use iceoryx2::service::builder::publish_subscribe::{
-    PublishSubscribeOpenError as OpenError, PublishSubscribeOpenOrCreateError,
-};
+use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenOrCreateError;
 use thiserror::Error;
 
+use crate::bounds::{SUBSCRIBERS_MAX, ServiceBounds};
 use crate::shared_memory::SharedMemoryFault;
-
-/// Most readers that a service can have.
-pub(crate) const SUBSCRIBERS_MAX: usize = 8;
 
 /// Why the services of an instance could not be opened.
 #[derive(Debug, Error)]
@@ -86,8 +82,8 @@ pub enum ServiceError {
     SecondPublisher(String),
     /// The other side was built with another layout of the message.
     #[error(
-        "service `{service}` exists with another message type or size than this program's \
-         {message} of {size} bytes: both sides must be of the same version"
+        "service `{service}`: expected this program's {message} of {size} bytes, found {found}: both sides \
+         must be of the same version; `controller layout` lists every field"
     )]
     Incompatible {
         /// Name of the service.
@@ -96,18 +92,41 @@ pub enum ServiceError {
         message: &'static str,
         /// Its size on this side \[bytes\].
         size: usize,
+        /// Type and size on the other side.
+        found: String,
     },
     /// The other side was built with other bounds of the service.
     #[error(
-        "service `{0}` exists with other bounds than this program's ({1}): both sides must be of \
-         the same version"
+        "service `{service}` exists with other bounds: expected {expected}; found {found}: make it with the \
+         expected ones"
     )]
-    Bounds(String, OpenError),
+    Bounds {
+        /// Name of the service.
+        service: String,
+        /// On this side.
+        expected: ServiceBounds,
+        /// On the other side.
+        found: ServiceBounds,
+    },
+    /// The other side has another version of iceoryx2.
+    #[error(
+        "service `{service}` was made with iceoryx2 {found}, expected 0.9.3 exactly: versions do not talk to each \
+         other; in Python `pip install iceoryx2==0.9.3`, then `controller clean`"
+    )]
+    Version {
+        /// Name of the service.
+        service: String,
+        /// The version of the other side.
+        found: String,
+    },
     /// Every place of a reader is taken.
     #[error("service `{0}` already has {SUBSCRIBERS_MAX} readers, as many as it can have: end one")]
     TooManySubscribers(String),
     /// Anything else that iceoryx2 reports of a service.
-    #[error("service `{0}` could not be opened: {1}")]
+    #[error(
+        "service `{0}` could not be opened: {1}; where another program has made it, likely by another version of \
+         iceoryx2 than 0.9.3: end it, then `controller clean`"
+    )]
     Open(String, PublishSubscribeOpenOrCreateError),
     /// What iceoryx2 reports of the requests' service.
     #[error(

@@ -46,8 +46,8 @@ macro_rules! layout {
 
 layout! {
     RobotState {
-        sequence, time_ns, joint_count, gripper_state, robot_mode, safety_stop, position, velocity,
-        torque
+        sequence, time_ns, joint_count, gripper_state, robot_mode, safety_stop, joint_names_hash,
+        position, velocity, torque
     }
     TaskFrames { sequence, time_ns, frame_count, obstacle_count, frames, obstacles }
     Frame { name, valid, padding, position, quaternion, linear_velocity, angular_velocity }
@@ -72,13 +72,13 @@ mod tests {
 
     #[test]
     fn sizes_are_those_other_languages_were_told() {
-        assert_eq!(size_of::<RobotState>(), 224);
+        assert_eq!(size_of::<RobotState>(), 232);
         assert_eq!(size_of::<Frame>(), 136);
         assert_eq!(size_of::<Obstacle>(), 136);
         assert_eq!(size_of::<TaskFrames>(), 32 - 8 + 8 * 136 + 32 * 136);
         assert_eq!(size_of::<JointCommand>(), 368);
         assert_eq!(size_of::<ToolCommand>(), 64);
         assert_eq!(size_of::<ControllerStatus>(), 144);
-        assert_eq!(LAYOUT.iter().filter(|f| f.message == "RobotState").count(), 9);
+        assert_eq!(LAYOUT.iter().filter(|f| f.message == "RobotState").count(), 10);
     }
 }

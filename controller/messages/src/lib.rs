@@ -47,6 +47,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod bounds;
 mod checks;
 mod control;
 mod error;
@@ -58,7 +59,11 @@ mod services;
 mod shared_memory;
 mod stop;
 
-pub use checks::{NameFault, QUATERNION_TOLERANCE, name_bytes, name_str};
+pub use bounds::ServiceBounds;
+pub use checks::{
+    FRAME_DISTANCE_MAX_M, NameFault, QUATERNION_TOLERANCE, joint_names_hash, name_bytes, name_str,
+    quaternion_length,
+};
 pub use control::{
     ControlAnswer, ControlClient, ControlRequest, ControlServer, ControlVerb, TEXT_CAPACITY,
     control_text,

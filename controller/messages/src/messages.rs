@@ -13,7 +13,7 @@ pub const NAME_CAPACITY: usize = 24;
 
 /// The state of the robot, from a state publisher to the controller.
 #[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("RobotStateV2")]
+#[type_name("RobotStateV3")]
 #[repr(C)]
 pub struct RobotState {
     /// Counts up by one from message to message: what is missing is counted as lost.
@@ -28,6 +28,9 @@ pub struct RobotState {
     pub robot_mode: u32,
     /// 0 while the robot's safety system permits motion, 1 while it does not.
     pub safety_stop: u32,
+    /// [`joint_names_hash`](crate::joint_names_hash) of the joints' names, in the order of the arrays; 0 where
+    /// the publisher does not say.
+    pub joint_names_hash: u64,
     /// Joint positions \[rad or m\].
     pub position: [f64; JOINT_CAPACITY],
     /// Joint velocities \[rad/s or m/s\].
@@ -322,9 +325,9 @@ wire_enum! {
         FrameMissing = 5,
         /// A number in a frame or an obstacle is not finite.
         FrameNotFinite = 6,
-        /// A quaternion is not of unit length.
+        /// A frame's quaternion is not of unit length.
         QuaternionNotUnit = 7,
-        /// An obstacle is of a kind this controller does not know.
+        /// An obstacle is of a kind this controller does not know, or its mark is neither 0 nor 1.
         ObstacleUnknown = 8,
         /// The newest frames are older than their limit.
         FramesStale = 9,
@@ -383,6 +386,28 @@ wire_enum! {
         ArmElsewhere = 35,
         /// The gripper holds something that this controller did not grip.
         GripperHolds = 36,
+        /// The hash of the joints' names is another one: other joints, or another order.
+        JointOrder = 37,
+        /// The arm is commanded to move, states arrive, and no position changes.
+        PositionsFrozen = 38,
+        /// The controller runs in lockstep, the publisher does not wait for its commands.
+        PublisherNotInLockstep = 39,
+        /// More frames than a message carries.
+        FrameCount = 40,
+        /// A frame is farther from the base than any arm reaches.
+        FrameFar = 41,
+        /// The frame of the start is where the tool is, with its quaternion in another order.
+        QuaternionOrder = 42,
+        /// More obstacles than a message carries.
+        ObstacleCount = 43,
+        /// A size of an obstacle is zero or negative.
+        ObstacleSize = 44,
+        /// An obstacle's quaternion is not of unit length.
+        ObstacleQuaternion = 45,
+        /// The task grips, and the state says that there is no gripper.
+        GripperNone = 46,
+        /// It follows its policy and is at the goal, where it waits for the gripper to hold.
+        GripperAwaited = 47,
     }
 }
 

@@ -10,9 +10,11 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError as OpenError, PublishSubscribeOpenOrCreateError,
 };
+use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
-use crate::error::{SUBSCRIBERS_MAX, ServiceError};
+use crate::bounds::{ServiceBounds, other_version};
+use crate::error::ServiceError;
 use crate::files::{Cleaned, Files, names_with_files};
 use crate::messages::{ControllerStatus, JointCommand, RobotState, TaskFrames, ToolCommand};
 use crate::shared_memory::{free_shared_memory_bytes, refused_reservations};
@@ -127,21 +129,63 @@ impl Instance {
         let name = format!("{}/{topic}/v1", self.name);
         let service_name: ServiceName =
             name.as_str().try_into().expect("an instance's name and a topic make a service's name");
+        let wanted = bounds(topic);
         let service = node
             .service_builder(&service_name)
             .publish_subscribe::<M>()
-            .max_publishers(1)
-            .max_subscribers(SUBSCRIBERS_MAX)
-            .max_nodes(16)
-            .history_size(1)
-            .subscriber_max_buffer_size(match topic {
-                ROBOT_STATE | CONTROLLER_STATUS => OBSERVER_BUFFER,
-                _ => 1,
-            })
-            .enable_safe_overflow(true)
+            .max_publishers(wanted.publishers)
+            .max_subscribers(wanted.subscribers)
+            .max_nodes(wanted.nodes)
+            .history_size(wanted.history)
+            .subscriber_max_buffer_size(wanted.buffer)
+            .enable_safe_overflow(wanted.overflow)
             .open_or_create()
-            .map_err(|error| open_error::<M>(&name, error))?;
+            .map_err(|error| self.open_error::<M>(&name, topic, error))?;
+        let found = ServiceBounds::of(service.static_config());
+        if found != wanted {
+            return Err(ServiceError::Bounds { service: name, expected: wanted, found });
+        }
         Ok((name, service))
+    }
+
+    /// An error in opening the service, with what the other side has.
+    fn open_error<M>(
+        &self,
+        service: &str,
+        topic: &str,
+        error: PublishSubscribeOpenOrCreateError,
+    ) -> ServiceError {
+        use PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError as Open;
+        if let Some(found) = other_version(&self.files.shared()) {
+            return ServiceError::Version { service: service.into(), found };
+        }
+        let pattern = MessagingPattern::PublishSubscribe;
+        let name = ServiceName::new(service).ok();
+        let details = name
+            .and_then(|name| ipc::Service::details(&name, &self.config, pattern).ok().flatten());
+        let found = details.map(|details| *details.static_details.publish_subscribe());
+        match (error, found) {
+            (Open(OpenError::IncompatibleTypes), found) => ServiceError::Incompatible {
+                service: service.into(),
+                message: core::any::type_name::<M>().rsplit("::").next().unwrap_or("?"),
+                size: size_of::<M>(),
+                found: found.map_or("another type".into(), |found| {
+                    let payload = &found.message_type_details().payload;
+                    format!("{} of {} bytes", payload.type_name(), payload.size())
+                }),
+            },
+            (_, Some(found)) if ServiceBounds::of(&found) != bounds(topic) => {
+                let (expected, found) = (bounds(topic), ServiceBounds::of(&found));
+                ServiceError::Bounds { service: service.into(), expected, found }
+            }
+            (other, _) => ServiceError::Open(service.into(), other),
+        }
+    }
+
+    /// Its files in shared memory.
+    #[cfg(test)]
+    pub(crate) fn shared_files(&self) -> Vec<PathBuf> {
+        self.files.shared()
     }
 
     fn publisher<M: Debug + ZeroCopySend + 'static>(
@@ -257,25 +301,12 @@ fn reserved<T>(create: impl FnOnce() -> Result<T, ServiceError>) -> Result<T, Se
     Err(ServiceError::SharedMemoryFilled { free })
 }
 
-fn open_error<M>(service: &str, error: PublishSubscribeOpenOrCreateError) -> ServiceError {
-    use PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError as Open;
-    let name = service.to_string();
-    match error {
-        Open(OpenError::IncompatibleTypes) => ServiceError::Incompatible {
-            service: name,
-            message: core::any::type_name::<M>().rsplit("::").next().unwrap_or("?"),
-            size: size_of::<M>(),
-        },
-        Open(
-            bound @ (OpenError::DoesNotSupportRequestedMinBufferSize
-            | OpenError::DoesNotSupportRequestedMinHistorySize
-            | OpenError::DoesNotSupportRequestedMinSubscriberBorrowedSamples
-            | OpenError::DoesNotSupportRequestedAmountOfPublishers
-            | OpenError::DoesNotSupportRequestedAmountOfSubscribers
-            | OpenError::DoesNotSupportRequestedAmountOfNodes),
-        ) => ServiceError::Bounds(name, bound),
-        other => ServiceError::Open(name, other),
-    }
+/// The bounds of the service of a topic.
+fn bounds(topic: &str) -> ServiceBounds {
+    ServiceBounds::with_buffer(match topic {
+        ROBOT_STATE | CONTROLLER_STATUS => OBSERVER_BUFFER,
+        _ => 1,
+    })
 }
 
 /// Sends messages of type `M`.
@@ -427,6 +458,7 @@ pub struct StatusPort {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bounds::SUBSCRIBERS_MAX;
 
     fn instance(test: &str) -> Instance {
         Instance::new(&format!("{test}-{}", std::process::id())).unwrap()

@@ -2,9 +2,11 @@
 
 pub mod check;
 pub mod clean;
+pub mod conformance;
 pub mod ctl;
 pub mod monitor;
 pub mod overrides;
 pub mod run;
+pub mod sentences;
 pub mod soak;
 pub mod top;

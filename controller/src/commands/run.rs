@@ -145,7 +145,7 @@ impl WithRobot for Work<'_> {
             instance.name()
         );
         // Before the loop's priority is set, which a thread would inherit.
-        let monitor = Monitor::start(Arc::clone(&shared.status));
+        let monitor = Monitor::start(Arc::clone(&shared.status), Arc::clone(&shared.detail));
         let granted = (pacing != Pacing::Lockstep).then(|| realtime::set_up(real_time));
         for denied in granted.iter().flat_map(|granted: &Granted| &granted.denied) {
             if real_time.required.contains(&denied.capability) {
@@ -157,7 +157,8 @@ impl WithRobot for Work<'_> {
         let outcome = cycle.run(&shared.stop);
         drop((monitor, granted));
         server.end(!cycle.follows_a_crash());
-        let summary = cycle.telemetry().summary(&outcome);
+        let mut summary = cycle.telemetry().summary(&outcome);
+        summary["seen_by_reason"] = cycle.telemetry().details(&shared.detail);
         report(&summary, outcome.life_cycle);
         run.summary.as_deref().map_or(Ok(()), |path| write_summary(path, &summary))
     }

@@ -17,6 +17,7 @@ use tprmp_messages::{
 
 use crate::control::journal::{Journal, SharedTask};
 use crate::control::requests::{Requests, Setting};
+use crate::detail::{SharedDetail, explain};
 use crate::inputs::scene::Scene;
 use crate::policy::{RobotPolicy, Workspace};
 use crate::telemetry::SharedStatus;
@@ -65,6 +66,8 @@ pub struct Shared {
     pub requests: Arc<Requests>,
     /// What the loop is doing.
     pub status: Arc<SharedStatus>,
+    /// What was seen beside its reason.
+    pub detail: Arc<SharedDetail>,
     /// What its task has come to.
     pub task: Arc<SharedTask>,
     /// Asks the loop to stop.
@@ -75,7 +78,13 @@ impl Shared {
     /// Nothing was asked for, and nothing has happened yet.
     #[must_use]
     pub fn new(stop: Arc<AtomicBool>) -> Self {
-        Self { requests: Arc::default(), status: Arc::default(), task: Arc::default(), stop }
+        Self {
+            requests: Arc::default(),
+            status: Arc::default(),
+            detail: Arc::default(),
+            task: Arc::default(),
+            stop,
+        }
     }
 }
 
@@ -186,7 +195,10 @@ impl<const N: usize> Work<N> {
         let is_fault = life_cycle == LifeCycle::Fault;
         let done = match verb {
             ControlVerb::Status => {
-                return Ok(status.mode().map_or(String::new(), |m| m.to_string()));
+                let detail = self.shared.detail.read(reason).and_then(|seen| explain(&seen));
+                let mode = status.mode().map(|mode| mode.to_string());
+                let parts: Vec<_> = detail.into_iter().chain(mode).collect();
+                return Ok(parts.join("; "));
             }
             ControlVerb::Start if is_fault => {
                 return Err(format!("{reason:?} has to be reset first: `controller ctl reset`"));

@@ -24,7 +24,9 @@ pub enum Kind {
 #[must_use]
 pub fn kind(reason: Reason) -> Kind {
     match reason {
-        Reason::None | Reason::Blocked | Reason::Unreachable => Kind::Following,
+        Reason::None | Reason::Blocked | Reason::Unreachable | Reason::GripperAwaited => {
+            Kind::Following
+        }
         Reason::StateStale
         | Reason::SequenceWentBack
         | Reason::StateNotFinite
@@ -44,17 +46,27 @@ pub fn kind(reason: Reason) -> Kind {
         | Reason::HandGuiding
         | Reason::RobotFault
         | Reason::SafetyStop
-        | Reason::ArmElsewhere => Kind::State,
+        | Reason::ArmElsewhere
+        | Reason::JointOrder
+        | Reason::PositionsFrozen
+        | Reason::PublisherNotInLockstep => Kind::State,
         Reason::FrameMissing
         | Reason::FrameNotFinite
         | Reason::QuaternionNotUnit
         | Reason::ObstacleUnknown
-        | Reason::FramesStale => Kind::Frames,
+        | Reason::FramesStale
+        | Reason::FrameCount
+        | Reason::FrameFar
+        | Reason::QuaternionOrder
+        | Reason::ObstacleCount
+        | Reason::ObstacleSize
+        | Reason::ObstacleQuaternion => Kind::Frames,
         Reason::ResolveFailed
         | Reason::CommandNotFinite
         | Reason::Overrun
         | Reason::GripperUnknown
         | Reason::GripperHolds
+        | Reason::GripperNone
         | Reason::EndedUnexpectedly => Kind::Controller,
         Reason::StopRequested | Reason::StartNotRequested | Reason::HoldRequested => Kind::Request,
     }
@@ -100,16 +112,19 @@ impl Supervisor {
         }
     }
 
-    /// Takes what was asked for since the last tick.
-    pub fn take(&mut self, requests: &Requests) {
-        if requests.take_reset() {
+    /// Takes what was asked for since the last tick; whether somebody has looked, and the arm may go on.
+    pub fn take(&mut self, requests: &Requests) -> bool {
+        let reset = requests.take_reset();
+        if reset {
             self.latched = None;
         }
-        match requests.take_go() {
+        let go = requests.take_go();
+        match go {
             Some(true) => (self.started, self.held) = (true, false),
             Some(false) => self.held = true,
             None => {}
         }
+        reset || go == Some(true)
     }
 
     /// The policy is not followed for this reason.

@@ -8,6 +8,9 @@
 use nalgebra::SVector;
 use tprmp_messages::{Reason, RobotState};
 
+use crate::detail::{About, Detail};
+use crate::inputs::offender;
+
 /// Positions and velocities of the joints.
 #[derive(Debug, Clone, Copy)]
 pub struct JointState<const N: usize> {
@@ -54,7 +57,7 @@ struct Candidate<const N: usize> {
     last: Measured<N>,
     since_ns: u64,
     count: u32,
-    reason: Reason,
+    detail: Detail,
 }
 
 /// Judges the robot's states.
@@ -71,9 +74,13 @@ pub struct StateEstimator<const N: usize> {
     /// Σ Δq − q̇ Δt, fading \[rad or m\].
     drift: SVector<f64, N>,
     /// Of the newest state.
-    verdict: Result<(), Reason>,
+    verdict: Result<(), Detail>,
+    /// Hash of the joints' names in order; `None` where it is not compared.
+    names: Option<u64>,
     /// The number of the newest state, whatever was thought of it.
     sequence: Option<u64>,
+    /// Its stamp \[ns\].
+    stamp_ns: Option<u64>,
     /// When the sequence number went back \[ns\].
     went_back_ns: Option<u64>,
     lost: u64,
@@ -94,16 +101,25 @@ impl<const N: usize> StateEstimator<N> {
             believed: None,
             candidate: None,
             drift: SVector::zeros(),
-            verdict: Err(Reason::StateStale),
+            verdict: Err(Detail::plain(Reason::StateStale)),
+            names: None,
             sequence: None,
+            stamp_ns: None,
             went_back_ns: None,
             lost: 0,
         }
     }
 
+    /// Compares the hash of the joints' names with this one.
+    #[must_use]
+    pub fn of_joints(self, names_hash: u64) -> Self {
+        Self { names: Some(names_hash), ..self }
+    }
+
     /// Judges a state that was received at the time `now_ns` \[ns\]. No allocation.
     pub fn update(&mut self, state: &RobotState, now_ns: u64) {
         let before = self.sequence.replace(state.sequence);
+        let stamp_before_ns = self.stamp_ns.replace(state.time_ns);
         // The very same message again is no news; but in lockstep each one is new.
         let in_lockstep = now_ns == state.time_ns;
         let same =
@@ -112,12 +128,14 @@ impl<const N: usize> StateEstimator<N> {
         if before == Some(state.sequence) && !in_lockstep && newest.as_ref().is_some_and(same) {
             return;
         }
-        self.verdict = self.judge(state, now_ns);
+        self.verdict = self.judge(state, now_ns, stamp_before_ns);
         let missing =
             before.map_or(0, |last| state.sequence.saturating_sub(last).saturating_sub(1));
         self.lost = self.lost.saturating_add(missing);
         if self.verdict.is_ok() && missing > self.lost_in_a_row_max {
-            self.verdict = Err(Reason::StatesLost);
+            let most = self.lost_in_a_row_max as f64;
+            let detail = Detail::new(Reason::StatesLost, About::Lost, missing as f64, [most, 0.0]);
+            self.verdict = Err(detail);
         }
     }
 
@@ -127,12 +145,24 @@ impl<const N: usize> StateEstimator<N> {
     /// # Errors
     /// Why it cannot be believed.
     pub fn measured(&self, now_ns: u64) -> Result<(JointState<N>, u64), Reason> {
-        self.verdict?;
+        self.verdict.map_err(|detail| detail.reason)?;
         let Measured { joints, time_ns, .. } = self.believed.ok_or(Reason::StateStale)?;
         if now_ns.abs_diff(time_ns) > self.age_max_ns {
             return Err(Reason::StateStale);
         }
         Ok((joints, time_ns))
+    }
+
+    /// Why the newest state cannot be believed at the time `now_ns` \[ns\], with what was seen.
+    #[must_use]
+    pub fn detail(&self, now_ns: u64) -> Option<Detail> {
+        if let Err(detail) = self.verdict {
+            return Some(detail);
+        }
+        let age_ns = now_ns.abs_diff(self.believed?.time_ns);
+        let expected = [self.age_max_ns as f64, 0.0];
+        let stale = Detail::new(Reason::StateStale, About::Age, age_ns as f64, expected);
+        (age_ns > self.age_max_ns).then_some(stale)
     }
 
     /// How many states are missing between those that arrived, by their numbers.
@@ -141,56 +171,94 @@ impl<const N: usize> StateEstimator<N> {
         self.lost
     }
 
-    fn judge(&mut self, state: &RobotState, now_ns: u64) -> Result<(), Reason> {
+    fn judge(
+        &mut self,
+        state: &RobotState,
+        now_ns: u64,
+        stamp_before_ns: Option<u64>,
+    ) -> Result<(), Detail> {
         // What contradicts it, or itself, ends the confirmation of a candidate.
         let candidate = self.candidate.take();
-        let [position, velocity] = state.check(N)?.map(SVector::from_column_slice);
+        let checked = state.check(N).map_err(|reason| offender::of_state(state, N, reason))?;
+        let [position, velocity] = checked.map(SVector::from_column_slice);
+        if self.names.is_some_and(|names| ![0, names].contains(&state.joint_names_hash)) {
+            return Err(offender::of_state(state, N, Reason::JointOrder));
+        }
         let joints = JointState { position, velocity };
         let now = Measured { joints, sequence: state.sequence, time_ns: state.time_ns };
         // A stamp from the future is as wrong as an old one.
         if now_ns.abs_diff(state.time_ns) > self.age_max_ns {
-            return Err(Reason::StateClock);
+            let stands = stamp_before_ns == Some(state.time_ns) && state.time_ns > 0;
+            return Err(if stands {
+                stuck(&now, state.time_ns)
+            } else {
+                self.other_clock(&now, now_ns)
+            });
         }
-        if (0..N).any(|i| velocity[i].abs() > SPEED_MULTIPLE_MAX * self.speed_max[i]) {
-            return Err(Reason::StateUnbelievable);
+        if let Some(i) =
+            (0..N).find(|&i| velocity[i].abs() > SPEED_MULTIPLE_MAX * self.speed_max[i])
+        {
+            let most = SPEED_MULTIPLE_MAX * self.speed_max[i];
+            let reason = Reason::StateUnbelievable;
+            return Err(Detail::new(reason, About::Speed, velocity[i], [most, 0.0]).at(i));
         }
         let Some(believed) = self.believed else {
-            return self.confirm(candidate, &now, (Reason::StateUnconfirmed, 0), now_ns);
+            let first = Detail::plain(Reason::StateUnconfirmed);
+            return self.confirm(candidate, &now, (first, 0), now_ns);
         };
-        if let Err(reason) = self.follows(&believed, &now) {
-            return self.confirm(candidate, &now, (reason, CONFIRMED_NS), now_ns);
+        if let Err(detail) = self.follows(&believed, &now) {
+            return self.confirm(candidate, &now, (detail, CONFIRMED_NS), now_ns);
         }
         self.accept(&believed, &now);
-        if (0..N).any(|i| self.drift[i].abs() > self.speed_max[i] * DRIFT_MAX_S) {
-            return Err(Reason::VelocityUnbelievable);
+        if let Some(i) = (0..N).find(|&i| self.drift[i].abs() > self.speed_max[i] * DRIFT_MAX_S) {
+            let most = [self.speed_max[i] * DRIFT_MAX_S, 0.0];
+            let reason = Reason::VelocityUnbelievable;
+            return Err(Detail::new(reason, About::Drift, self.drift[i], most).at(i));
         }
         Ok(())
     }
 
+    fn other_clock(&self, now: &Measured<N>, now_ns: u64) -> Detail {
+        let expected = [now_ns as f64, self.age_max_ns as f64];
+        Detail::new(Reason::StateClock, About::Clock, now.time_ns as f64, expected)
+    }
+
     /// Whether the robot can have gone from one state to the other.
-    fn follows(&self, last: &Measured<N>, now: &Measured<N>) -> Result<(), Reason> {
+    fn follows(&self, last: &Measured<N>, now: &Measured<N>) -> Result<(), Detail> {
         if now.sequence <= last.sequence {
-            return Err(if now.sequence == last.sequence {
+            let reason = if now.sequence == last.sequence {
                 Reason::SequenceStuck
             } else {
                 Reason::SequenceWentBack
-            });
+            };
+            let expected = [last.sequence as f64, 0.0];
+            return Err(Detail::new(reason, About::Sequence, now.sequence as f64, expected));
         }
         if now.time_ns <= last.time_ns {
-            return Err(Reason::StateTimeStuck);
+            return Err(stuck(now, last.time_ns));
         }
         let elapsed_s = elapsed_s(last, now);
         let beside = beside(last, now, elapsed_s);
-        let possible = (0..N).all(|i| {
+        for i in 0..N {
             let most = self.speed_max[i];
-            let change = (now.joints.velocity[i] - last.joints.velocity[i]).abs();
+            let [before, velocity] = [last, now].map(|state| state.joints.velocity[i]);
             // It may have sped up in between, by no more than its largest speed, and slowed down again.
             let sped_up_s = elapsed_s.min(SPEED_UP_S);
             let between = 0.25 * most / SPEED_UP_S * sped_up_s * sped_up_s;
-            change <= most * (VELOCITY_NOISE + sped_up_s / SPEED_UP_S)
-                && beside[i].abs() <= most * POSITION_NOISE_S + between
-        });
-        if possible { Ok(()) } else { Err(Reason::StateUnbelievable) }
+            let change_max = most * (VELOCITY_NOISE + sped_up_s / SPEED_UP_S);
+            let beside_max = most * POSITION_NOISE_S + between;
+            let reason = Reason::StateUnbelievable;
+            if beside[i].abs() > beside_max {
+                let position = now.joints.position[i];
+                let expected = [position - beside[i], beside_max];
+                return Err(Detail::new(reason, About::PositionJump, position, expected).at(i));
+            }
+            if (velocity - before).abs() > change_max {
+                let expected = [before, change_max];
+                return Err(Detail::new(reason, About::VelocityJump, velocity, expected).at(i));
+            }
+        }
+        Ok(())
     }
 
     fn accept(&mut self, last: &Measured<N>, now: &Measured<N>) {
@@ -206,19 +274,20 @@ impl<const N: usize> StateEstimator<N> {
         &mut self,
         candidate: Option<Candidate<N>>,
         now: &Measured<N>,
-        (reason, confirmed_ns): (Reason, u64),
+        (detail, confirmed_ns): (Detail, u64),
         now_ns: u64,
-    ) -> Result<(), Reason> {
+    ) -> Result<(), Detail> {
         let again = candidate.filter(|candidate| {
             let last = &candidate.last;
             let elapsed_ns = now.time_ns.saturating_sub(last.time_ns);
             elapsed_ns <= CONFIRMED_NS && self.follows(last, now).is_ok()
         });
-        let candidate = match again {
-            Some(last) => Candidate { last: *now, count: last.count + 1, ..last },
-            None => {
-                let reason = self.doubled(reason, now_ns);
-                Candidate { last: *now, since_ns: now_ns, count: 1, reason }
+        let candidate = match (again, candidate) {
+            (Some(last), _) => Candidate { last: *now, count: last.count + 1, ..last },
+            (None, before) => {
+                let stands = before.and_then(|before| self.stands(&before.last, now));
+                let detail = self.doubled(stands.unwrap_or(detail), now_ns);
+                Candidate { last: *now, since_ns: now_ns, count: 1, detail }
             }
         };
         let agreed_ns = now_ns.saturating_sub(candidate.since_ns);
@@ -228,20 +297,35 @@ impl<const N: usize> StateEstimator<N> {
             return Ok(());
         }
         self.candidate = Some(candidate);
-        Err(candidate.reason)
+        Err(candidate.detail)
+    }
+
+    /// Where no state is believed yet: whether numbers or stamps of the first ones stand still.
+    fn stands(&self, last: &Measured<N>, now: &Measured<N>) -> Option<Detail> {
+        let detail = self.follows(last, now).err()?;
+        let stands = matches!(detail.reason, Reason::SequenceStuck | Reason::StateTimeStuck);
+        (self.believed.is_none() && stands).then_some(detail)
     }
 
     /// A publisher that is started again counts from one, once. What goes back again soon has two sources.
-    fn doubled(&mut self, reason: Reason, now_ns: u64) -> Reason {
-        if reason != Reason::SequenceWentBack {
-            return reason;
+    fn doubled(&mut self, detail: Detail, now_ns: u64) -> Detail {
+        if detail.reason != Reason::SequenceWentBack {
+            return detail;
         }
         let last_ns = self.went_back_ns.replace(now_ns);
         match last_ns {
-            Some(last_ns) if now_ns.abs_diff(last_ns) < AGAIN_NS => Reason::TwoSources,
-            _ => reason,
+            Some(last_ns) if now_ns.abs_diff(last_ns) < AGAIN_NS => {
+                Detail { reason: Reason::TwoSources, ..detail }
+            }
+            _ => detail,
         }
     }
+}
+
+/// A stamp that is not newer than the last one \[ns\].
+fn stuck<const N: usize>(now: &Measured<N>, last_ns: u64) -> Detail {
+    let expected = [last_ns as f64, 0.0];
+    Detail::new(Reason::StateTimeStuck, About::Stamp, now.time_ns as f64, expected)
 }
 
 fn elapsed_s<const N: usize>(last: &Measured<N>, now: &Measured<N>) -> f64 {
@@ -318,6 +402,50 @@ mod tests {
                 assert_eq!(judged(&mut estimator, &wrong), Err(reason));
             }
             assert_eq!(judged(&mut estimator, &state(101)), Ok(()), "{reason:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_refused_is_named_with_what_was_expected() {
+        let mut estimator = running(100).of_joints(7);
+        let mut wrong = state(100);
+        wrong.position[1] += 2.0;
+        assert_eq!(judged(&mut estimator, &wrong), Err(Reason::StateUnbelievable));
+        let detail = estimator.detail(wrong.time_ns).unwrap();
+        assert_eq!((detail.about, detail.index), (About::PositionJump, 1));
+        assert!((detail.seen - detail.expected[0] - 2.0).abs() < 1e-9, "{detail:?}");
+        let mut other = state(101);
+        other.joint_names_hash = 8;
+        assert_eq!(judged(&mut estimator, &other), Err(Reason::JointOrder));
+        let mut named = state(102);
+        named.joint_names_hash = 7;
+        assert_eq!(judged(&mut estimator, &named), Ok(()));
+        let late_ns = named.time_ns + 63 * MS;
+        assert_eq!(estimator.measured(late_ns).unwrap_err(), Reason::StateStale);
+        let detail = estimator.detail(late_ns).unwrap();
+        assert_eq!((detail.about, detail.seen), (About::Age, 63e6));
+    }
+
+    #[test]
+    fn first_states_that_stand_still_are_told_from_one_that_is_not_confirmed() {
+        type Edit = fn(&mut RobotState);
+        let cases: [(Edit, Reason); 2] = [
+            (|s| s.sequence = 1, Reason::SequenceStuck),
+            (|s| s.time_ns = MS, Reason::StateTimeStuck),
+        ];
+        for (edit, reason) in cases {
+            let mut estimator = estimator();
+            let reasons: Vec<_> = (1..9)
+                .map(|k| {
+                    let mut wrong = state(k);
+                    edit(&mut wrong);
+                    // In lockstep: each one is new.
+                    estimator.update(&wrong, wrong.time_ns);
+                    estimator.measured(wrong.time_ns).unwrap_err()
+                })
+                .collect();
+            assert_eq!(reasons[0], Reason::StateUnconfirmed);
+            assert!(reasons[1..].iter().all(|r| *r == reason), "{reasons:?}");
         }
     }
 

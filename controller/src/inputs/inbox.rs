@@ -1,17 +1,67 @@
 //! The newest messages, and how far they are believed.
 
+use glam::DQuat;
 use tprmp_messages::{
-    ControllerPorts, GripperState, Reason, RobotMode, RobotState, STATE_BUFFER, Sample, Subscriber,
-    TaskFrames,
+    ControllerPorts, Frame, GripperState, Reason, RobotMode, RobotState, STATE_BUFFER, Sample,
+    Subscriber, TaskFrames, joint_names_hash,
 };
 use tprmp_model::controller_config::{ControllerConfig, FrameObserver, Loop};
 use tprmp_robot::Chain;
+use tprmp_spatial::Pose;
 
+use crate::detail::{About, Detail};
 use crate::inputs::estimator::{JointState, StateEstimator};
 use crate::inputs::external::ExternalCommand;
+use crate::inputs::offender;
 use crate::inputs::scene::Scene;
 use crate::peers::Peers;
 use crate::timing::realtime::monotonic_ns;
+
+/// The tool begins at its start frame where it is nearer than this \[m\] …
+const START_NEAR_M: f64 = 0.02;
+/// … turned from it by more than this as the quaternion is given \[rad\] …
+const START_TURNED_RAD: f64 = 0.5;
+/// … and by less than this in the other order \[rad\].
+const START_ALIKE_RAD: f64 = 0.05;
+/// A publisher in lockstep waits for the answer to its first state: a state that stays the only one for so long
+/// has one that does \[ns\].
+const UNANSWERED_NS: u64 = 60_000_000;
+/// So many states that came without an answer are those of a publisher that does not wait.
+const UNANSWERED_MAX: u32 = 3;
+
+/// The states that came before the first command.
+#[derive(Debug, Clone, Copy, Default)]
+struct FirstStates {
+    sequence: u64,
+    received_ns: u64,
+    count: u32,
+}
+
+impl FirstStates {
+    /// A state was received at the time `now_ns` \[ns\].
+    fn received(&mut self, sequence: u64, now_ns: u64) {
+        if self.count == 0 || self.sequence != sequence {
+            *self = Self { sequence, received_ns: now_ns, count: self.count.saturating_add(1) };
+        }
+    }
+
+    /// Whether the publisher waits for an answer, at the time `now_ns` \[ns\].
+    ///
+    /// # Errors
+    /// When that is not known yet, or it does not.
+    fn wait_for_answers(&mut self, now_ns: u64) -> Result<(), Reason> {
+        let alone = now_ns.saturating_sub(self.received_ns) >= UNANSWERED_NS;
+        match self.count {
+            0 => Err(Reason::StateStale),
+            _ if alone => {
+                self.count = 1;
+                Ok(())
+            }
+            count if count > UNANSWERED_MAX => Err(Reason::PublisherNotInLockstep),
+            _ => Err(Reason::StateUnconfirmed),
+        }
+    }
+}
 
 /// The newest messages, as views into shared memory, and what their checks gave.
 #[derive(Debug)]
@@ -23,6 +73,7 @@ pub struct Inbox<const N: usize> {
     /// What is commanded from outside; `None` for a controller that does not listen.
     pub external: Option<ExternalCommand>,
     scene_check: Result<(), Reason>,
+    first: FirstStates,
     estimator: StateEstimator<N>,
     /// In lockstep states are received when they were measured.
     lockstep: bool,
@@ -41,11 +92,13 @@ impl<const N: usize> Inbox<N> {
             scene,
             external: config.external.as_ref().map(ExternalCommand::new),
             scene_check: Err(Reason::FrameMissing),
+            first: FirstStates::default(),
             estimator: StateEstimator::new(
                 *chain.velocity_max(),
                 state_age_max_ns,
                 states_lost_in_a_row_max.into(),
-            ),
+            )
+            .of_joints(joint_names_hash(chain.joint_names())),
             lockstep,
             frame_observer: config.frame_observer,
             frames_age_max_ns: config.cycle.frames_age_max_ns,
@@ -60,7 +113,11 @@ impl<const N: usize> Inbox<N> {
         if let Some(state) = ports.state.receive() {
             let now_ns = if self.lockstep { state.time_ns } else { monotonic_ns() };
             self.estimator.update(&state, now_ns);
+            self.first.received(state.sequence, monotonic_ns());
             self.state = Some(state);
+        }
+        if self.lockstep {
+            self.first.wait_for_answers(monotonic_ns())?;
         }
         let frames = ports.frames.receive();
         let connected = ports.update_connections();
@@ -121,6 +178,50 @@ impl<const N: usize> Inbox<N> {
     /// Why it cannot be believed.
     pub fn measured(&self, now_ns: u64) -> Result<(JointState<N>, u64), Reason> {
         self.estimator.measured(now_ns)
+    }
+
+    /// What was seen beside this reason at the time `now_ns` \[ns\], as far as messages say.
+    #[must_use]
+    pub fn detail(&self, reason: Reason, now_ns: u64) -> Detail {
+        if reason == Reason::PublisherNotInLockstep {
+            let count = f64::from(self.first.count);
+            return Detail::new(reason, About::Unanswered, count, [1.0, 0.0]);
+        }
+        if let Some(detail) = self.estimator.detail(now_ns).filter(|d| d.reason == reason) {
+            return detail;
+        }
+        match (&self.frames, &self.state) {
+            (Some(frames), _) if reason == Reason::FramesStale => {
+                let age_ns = now_ns.abs_diff(frames.time_ns) as f64;
+                Detail::new(reason, About::Age, age_ns, [self.frames_age_max_ns as f64, 0.0])
+            }
+            (Some(frames), _) if self.scene_check == Err(reason) => {
+                offender::of_scene(frames, self.scene.names(), reason)
+            }
+            (_, Some(state)) => offender::of_state(state, N, reason),
+            _ => Detail::plain(reason),
+        }
+    }
+
+    /// Where the task's start frame lies at this tool but for the order of its quaternion: what was seen.
+    #[must_use]
+    pub fn order_of_start(&self, tool: &Pose) -> Option<Detail> {
+        let start = self.scene.frames().first()?.pose;
+        let near = (start.position - tool.position).length() < START_NEAR_M;
+        let o = start.orientation;
+        // As if w x y z had been published as x y z w.
+        let other = DQuat::from_xyzw(o.w, o.x, o.y, o.z);
+        let [given, other] = [o, other].map(|o| tool.orientation.angle_between(o));
+        let swapped = near && given > START_TURNED_RAD && other < START_ALIKE_RAD;
+        let reason = Reason::QuaternionOrder;
+        let detail = Detail::new(reason, About::FrameOrder, given, [other, 0.0]);
+        swapped.then(|| detail.named(&self.scene.names()[0]))
+    }
+
+    /// The frames that were published last.
+    #[must_use]
+    pub fn found_frames(&self) -> &[Frame] {
+        self.frames.as_ref().and_then(|frames| frames.listed().ok()).unwrap_or(&[])
     }
 
     /// How many states are missing between those that arrived.

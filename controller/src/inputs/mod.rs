@@ -2,5 +2,7 @@
 
 pub mod estimator;
 pub mod external;
+pub mod frozen;
 pub mod inbox;
+pub mod offender;
 pub mod scene;

@@ -60,6 +60,12 @@ impl Scene {
         &self.frames
     }
 
+    /// Their names.
+    #[must_use]
+    pub fn names(&self) -> &[[u8; NAME_CAPACITY]] {
+        &self.names
+    }
+
     /// Which of them the goal is fixed to.
     #[must_use]
     pub fn goal_frame(&self) -> usize {
@@ -310,22 +316,24 @@ mod tests {
     #[test]
     fn every_defect_has_its_reason_and_changes_nothing() {
         type Edit = fn(&mut TaskFrames);
-        let cases: [(Edit, Reason); 16] = [
+        let cases: [(Edit, Reason); 18] = [
             (|m| m.obstacles[0].valid = 255, Reason::ObstacleUnknown),
             (|m| m.frames[1].valid = 0, Reason::FrameMissing),
+            (|m| m.frames[1].position[0] = 512.0, Reason::FrameFar),
+            (|m| m.obstacles[0].size[0] = 0.0, Reason::ObstacleSize),
             (|m| m.frame_count = 1, Reason::FrameMissing),
-            (|m| m.frame_count = 99, Reason::FrameMissing),
+            (|m| m.frame_count = 99, Reason::FrameCount),
             (|m| m.frames[0].name[0] = b'x', Reason::FrameMissing),
             (|m| m.frames[0].position[2] = f64::NAN, Reason::FrameNotFinite),
             (|m| m.frames[1].angular_velocity[0] = f64::INFINITY, Reason::FrameNotFinite),
             (|m| m.frames[1].quaternion = [1.1, 0.0, 0.0, 0.0], Reason::QuaternionNotUnit),
-            (|m| m.obstacle_count = 99, Reason::ObstacleUnknown),
+            (|m| m.obstacle_count = 99, Reason::ObstacleCount),
             (|m| m.obstacles[0].kind = 7, Reason::ObstacleUnknown),
-            (|m| m.obstacles[0].size[0] = -1.0, Reason::ObstacleUnknown),
+            (|m| m.obstacles[0].size[0] = -1.0, Reason::ObstacleSize),
             (|m| m.obstacles[0].linear_velocity[1] = f64::NAN, Reason::FrameNotFinite),
             (|m| m.obstacles[0].angular_velocity[1] = f64::NAN, Reason::FrameNotFinite),
-            (|m| cuboid(m).size[2] = -0.1, Reason::ObstacleUnknown),
-            (|m| cuboid(m).quaternion[0] = 0.9, Reason::QuaternionNotUnit),
+            (|m| cuboid(m).size[2] = -0.1, Reason::ObstacleSize),
+            (|m| cuboid(m).quaternion[0] = 0.9, Reason::ObstacleQuaternion),
             (|m| cuboid(m).size[1] = f64::INFINITY, Reason::FrameNotFinite),
         ];
         for (i, (edit, reason)) in cases.into_iter().enumerate() {

@@ -36,6 +36,8 @@ pub struct Progress {
     pub energy: f64,
     /// Speed of the goal \[m/s\].
     pub goal_speed_m_s: f64,
+    /// Whether the arm is at the goal, and the gripper was asked to grip and does not hold.
+    pub awaits_gripper: bool,
 }
 
 /// For how long the arm has stood still or made no progress.
@@ -77,7 +79,7 @@ impl StallDetector {
     /// Updates with a tick of `dt` \[s\]. Of an arm that is externally commanded it is not known whether
     /// it would make progress by itself: it can only be blocked.
     ///
-    /// [`Reason::Blocked`] or [`Reason::Unreachable`] when a task that is under way makes no progress,
+    /// [`Reason::Blocked`], [`Reason::Unreachable`] or, at the goal, [`Reason::GripperAwaited`] when a task that is under way makes no progress,
     /// else [`Reason::None`]. The policy is followed all the while: once the obstacle or the goal
     /// moves, the arm does.
     pub fn update(
@@ -105,9 +107,12 @@ impl StallDetector {
                 (stays, stays)
             }
         };
-        if blocked && (still || creeps) {
+        let stands = still || (creeps && stagnates);
+        if stands && progress.awaits_gripper {
+            Reason::GripperAwaited
+        } else if blocked && (still || creeps) {
             Reason::Blocked
-        } else if !blocked && (still || (creeps && stagnates)) {
+        } else if !blocked && stands {
             Reason::Unreachable
         } else {
             Reason::None
@@ -121,7 +126,14 @@ mod tests {
 
     /// A goal that moves.
     fn progress(speed: f64, distance_m: f64) -> Progress {
-        Progress { speed, distance_m, rounds: None, energy: 1.0, goal_speed_m_s: 0.1 }
+        Progress {
+            speed,
+            distance_m,
+            rounds: None,
+            energy: 1.0,
+            goal_speed_m_s: 0.1,
+            awaits_gripper: false,
+        }
     }
 
     #[test]
@@ -159,6 +171,18 @@ mod tests {
             detector.update(LifeCycle::Running, &progress(0.0, 0.2), &free, false, 0.9),
             Reason::Unreachable
         );
+    }
+
+    #[test]
+    fn at_the_goal_it_is_the_gripper_that_is_waited_for() {
+        let close = Proximity { clearance_min_m: 0.001, ..Proximity::NONE };
+        for proximity in [Proximity::NONE, close] {
+            let mut detector = StallDetector::default();
+            let at_goal = Progress { awaits_gripper: true, ..progress(0.0, 0.001) };
+            let mut after =
+                || detector.update(LifeCycle::Running, &at_goal, &proximity, false, 0.6);
+            assert_eq!([after(), after()], [Reason::None, Reason::GripperAwaited]);
+        }
     }
 
     #[test]
@@ -245,8 +269,14 @@ mod tests {
         let free = Proximity::NONE;
         let after = |goal_speed_m_s: f64, energy: f64, seconds: usize| {
             let mut detector = StallDetector::default();
-            let mut progress =
-                Progress { speed: 0.1, distance_m: 0.2, rounds: None, energy: 1.0, goal_speed_m_s };
+            let mut progress = Progress {
+                speed: 0.1,
+                distance_m: 0.2,
+                rounds: None,
+                energy: 1.0,
+                goal_speed_m_s,
+                awaits_gripper: false,
+            };
             let mut reason = Reason::None;
             for _ in 0..seconds * 100 {
                 progress.energy *= energy.powf(0.01);

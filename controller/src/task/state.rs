@@ -98,8 +98,11 @@ impl TaskState {
     /// Whether what the gripper senses, `dt` \[s\] after it was asked the last time, lets the task go on.
     ///
     /// # Errors
-    /// When it holds something that nobody is known to have gripped.
+    /// When it holds something that nobody is known to have gripped, or there is none and the task grips.
     pub fn check_gripper(&mut self, gripper: GripperState, dt: f64) -> Result<(), Reason> {
+        if self.lift.is_some() && gripper == GripperState::None {
+            return Err(Reason::GripperNone);
+        }
         if !self.found_holding {
             return Ok(());
         }
@@ -114,6 +117,12 @@ impl TaskState {
     /// The policy is not followed, or another one: from when on the task is done is judged anew.
     pub fn interrupt(&mut self) {
         self.done_since_ns = None;
+    }
+
+    /// Whether the gripper was asked to grip and what it grips is not yet lifted.
+    #[must_use]
+    pub fn awaits_gripper(&self) -> bool {
+        matches!(self.stage, Stage::Skill) && self.gripper == GripperCommand::Grip
     }
 
     /// Where what the gripper holds is lifted to.

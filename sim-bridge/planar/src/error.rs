@@ -42,6 +42,12 @@ pub(crate) enum SimError {
     /// Signal handlers.
     #[error("signal handlers cannot be set: {0}")]
     Signals(std::io::Error),
+    /// The controller runs against the machine's clock.
+    #[error(
+        "the controller of instance `{0}` answers on the machine's clock, this simulator runs in lockstep: \
+         start both with --lockstep, or both without"
+    )]
+    NotInLockstep(String),
     /// No command came, or none any more.
     #[error(
         "no command from a controller within {waited_s} s (instance `{instance}`): start \

@@ -18,7 +18,7 @@ use tprmp_files::{Existing, errln, make_folder, try_out, write};
 use tprmp_messages::{
     Action, Bounds, CommandGuard, CommandMode, ControllerStatus, Frame, Instance, JOINT_CAPACITY,
     JointCommand, LifeCycle, Obstacle, ObstacleKind, Reason, RobotState, StatePublisherPorts,
-    TaskFrames, name_bytes, stop_flag,
+    TaskFrames, joint_names_hash, name_bytes, stop_flag,
 };
 
 use crate::clock::{monotonic_ns, sleep_until};
@@ -152,6 +152,7 @@ impl Run {
         let physics = &scene.physics;
         let steps_max = (physics.time_limit_s * f64::from(physics.rate_hz)).ceil() as u64;
         let record = options.record_commands.is_some() && options.lockstep;
+        let joint_names_hash = joint_names_hash(world.joint_names());
         Ok(Self {
             world,
             dt_ns: 1_000_000_000 / u64::from(physics.rate_hz),
@@ -159,7 +160,7 @@ impl Run {
             goes_round: scene.task.goes_round,
             instance: options.instance.clone(),
             mode: if options.lockstep { Mode::Lockstep } else { Mode::RealTime },
-            state: RobotState { joint_count: 2, ..Default::default() },
+            state: RobotState { joint_count: 2, joint_names_hash, ..Default::default() },
             frames,
             command: JointCommand::default(),
             guard: CommandGuard::new(2, Bounds::default()),
@@ -238,6 +239,10 @@ impl Run {
                 break Outcome::ControllerLost;
             }
             first_ns.get_or_insert_with(monotonic_ns);
+            // In lockstep the controller's clock is that of the states.
+            if self.command.time_ns != time_ns && !self.stop_requested() {
+                return Err(SimError::NotInLockstep(self.instance.clone()));
+            }
             if let Some(recorded) = &mut self.recorded {
                 append_bytes(recorded, &self.command);
             }

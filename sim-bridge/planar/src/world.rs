@@ -81,6 +81,11 @@ impl World {
         DVec2::new(self.velocity[0], self.velocity[1])
     }
 
+    /// Names of the joints, in order.
+    pub(crate) fn joint_names(&self) -> &[String] {
+        self.chain.joint_names()
+    }
+
     /// Force limits \[N\].
     pub(crate) fn effort_max(&self) -> &Vector2<f64> {
         self.chain.effort_max()

@@ -1,0 +1,144 @@
+//! The bounds of a service, compared wholly on both sides: iceoryx2 compares some of them, and only where they are
+//! smaller than what is asked for, so that some deviations would work in one order of starting only.
+
+use core::fmt;
+use std::io::Read;
+use std::path::PathBuf;
+
+use iceoryx2::service::static_config::publish_subscribe::StaticConfig;
+
+/// The version of iceoryx2 that this program is built with.
+pub(crate) const VERSION: [u64; 3] = [0, 9, 3];
+
+/// Most readers that a service can have.
+pub(crate) const SUBSCRIBERS_MAX: usize = 8;
+
+/// The bounds of a service.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ServiceBounds {
+    /// Most publishers.
+    pub publishers: usize,
+    /// Most subscribers.
+    pub subscribers: usize,
+    /// Most nodes.
+    pub nodes: usize,
+    /// Messages that a new subscriber gets.
+    pub history: usize,
+    /// Messages that are kept for a subscriber at most.
+    pub buffer: usize,
+    /// Whether the oldest message gives way to a new one.
+    pub overflow: bool,
+}
+
+impl ServiceBounds {
+    /// Those of all services, with this buffer.
+    pub(crate) fn with_buffer(buffer: usize) -> Self {
+        let (publishers, subscribers) = (1, SUBSCRIBERS_MAX);
+        Self { publishers, subscribers, nodes: 16, history: 1, buffer, overflow: true }
+    }
+
+    /// Those that a service has.
+    pub(crate) fn of(service: &StaticConfig) -> Self {
+        Self {
+            publishers: service.max_publishers(),
+            subscribers: service.max_subscribers(),
+            nodes: service.max_nodes(),
+            history: service.history_size(),
+            buffer: service.subscriber_max_buffer_size(),
+            overflow: service.has_safe_overflow(),
+        }
+    }
+}
+
+impl fmt::Display for ServiceBounds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { publishers, subscribers, nodes, history, buffer, overflow } = self;
+        write!(
+            f,
+            "max_publishers {publishers}, max_subscribers {subscribers}, max_nodes {nodes}, history_size \
+             {history}, subscriber_max_buffer_size {buffer}, enable_safe_overflow {overflow}"
+        )
+    }
+}
+
+/// Another version of iceoryx2 that has made one of these files in shared memory, where one has.
+pub(crate) fn other_version(files: &[PathBuf]) -> Option<String> {
+    let versions = files.iter().filter(|path| path.extension().is_some_and(|e| e == "dynamic"));
+    let read = |path: &PathBuf| {
+        let mut bytes = [0; 8];
+        std::fs::File::open(path).ok()?.read_exact(&mut bytes).ok()?;
+        let word = u64::from_ne_bytes(bytes);
+        Some([word >> 32, (word >> 16) & 0xffff, word & 0xffff])
+    };
+    let other =
+        versions.filter_map(read).find(|version| *version != VERSION && version[0] < 100)?;
+    let [major, minor, patch] = other;
+    Some(format!("{major}.{minor}.{patch}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Instance, JointCommand, OBSERVER_BUFFER, RobotState};
+    use iceoryx2::prelude::*;
+
+    #[test]
+    fn another_version_is_read_from_what_it_left() {
+        let instance = Instance::new(&format!("version-{}", std::process::id())).unwrap();
+        let _robot = instance.open_state_publisher().unwrap();
+        let files = instance.shared_files();
+        assert!(files.iter().any(|path| path.extension().is_some_and(|e| e == "dynamic")));
+        assert_eq!(other_version(&files), None);
+        let name = format!("tprmp-version-{}.dynamic", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        std::fs::write(&path, ((10_u64 << 16) | 1).to_ne_bytes()).unwrap();
+        let found = other_version(std::slice::from_ref(&path));
+        std::fs::remove_file(path).unwrap();
+        assert_eq!(found.as_deref(), Some("0.10.1"));
+    }
+
+    fn instance(test: &str) -> Instance {
+        Instance::new(&format!("{test}-{}", std::process::id())).unwrap()
+    }
+
+    /// Whoever comes first: another bound is an error of whoever comes second, with both bounds.
+    #[test]
+    fn a_service_of_other_bounds_is_refused_with_what_was_expected_and_found() {
+        for (publishers, buffer) in [(2, OBSERVER_BUFFER), (1, 1), (1, 2 * OBSERVER_BUFFER)] {
+            let instance = instance(&format!("bounds-{publishers}-{buffer}"));
+            let theirs = instance.open(|node| {
+                let name: ServiceName =
+                    format!("{}/robot_state/v1", instance.name()).as_str().try_into().unwrap();
+                let service = node
+                    .service_builder(&name)
+                    .publish_subscribe::<RobotState>()
+                    .max_publishers(publishers)
+                    .max_subscribers(8)
+                    .max_nodes(16)
+                    .history_size(1)
+                    .subscriber_max_buffer_size(buffer)
+                    .create();
+                Ok(service.unwrap())
+            });
+            let error = instance.open_controller().unwrap_err().to_string();
+            let found = format!("found max_publishers {publishers}");
+            assert!(error.contains("expected max_publishers 1,"), "{error}");
+            assert!(error.contains(&found) && error.contains(&format!(" {buffer},")), "{error}");
+            drop(theirs);
+        }
+    }
+
+    #[test]
+    fn a_message_of_another_size_is_named_on_both_sides() {
+        let instance = instance("type");
+        let theirs = instance.open(|node| {
+            let name: ServiceName =
+                format!("{}/robot_state/v1", instance.name()).as_str().try_into().unwrap();
+            Ok(node.service_builder(&name).publish_subscribe::<JointCommand>().create().unwrap())
+        });
+        let error = instance.open_controller().unwrap_err().to_string();
+        assert!(error.contains("RobotState of 232 bytes"), "{error}");
+        assert!(error.contains("found JointCommandV1 of 368 bytes"), "{error}");
+        drop(theirs);
+    }
+}

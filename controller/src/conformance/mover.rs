@@ -1,0 +1,299 @@
+//! Small motions of a robot by the commands of a controller, with everything that was measured meanwhile.
+
+use nalgebra::SVector;
+use tprmp_messages::{
+    CommandMode, ControllerPorts, JointCommand, Reason, RobotState, STATE_BUFFER,
+};
+use tprmp_model::controller_config::ControllerConfig;
+use tprmp_robot::{Chain, JointKind};
+
+use crate::inputs::estimator::JointState;
+use crate::motion::generator::MotionGenerator;
+use crate::motion::limits::JointLimits;
+use crate::motion::profile::JointMotion;
+use crate::timing::realtime::{monotonic_ns, sleep_until};
+
+/// How far a joint is moved: 2° …
+const AMPLITUDE_RAD: f64 = 2.0 * core::f64::consts::PI / 180.0;
+/// … or so much \[m\].
+const AMPLITUDE_M: f64 = 0.01;
+/// How fast a joint is led to where it shall be \[1/s\].
+const RATE_1_S: f64 = 25.0;
+/// A joint that is farther than this multiple of the amplitude from where it shall be ends the motion.
+const ASTRAY: f64 = 0.75;
+/// A joint that is so fast ends the motion \[rad/s or m/s\].
+const SPEED_MAX: f64 = 1.0;
+/// A state that is older than this ends the motion \[ns\].
+const STATE_AGE_MAX_NS: u64 = 200_000_000;
+
+/// What was measured at a tick, and commanded.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Moment<const N: usize> {
+    /// Stamp of the state \[ns\].
+    pub(super) time_ns: u64,
+    /// Measured \[rad or m\].
+    pub(super) position: SVector<f64, N>,
+    /// Measured \[rad/s or m/s\].
+    pub(super) velocity: SVector<f64, N>,
+    /// Measured \[N m or N\].
+    pub(super) torque: SVector<f64, N>,
+    /// Commanded, without gravity \[N m or N\].
+    pub(super) commanded_torque: SVector<f64, N>,
+}
+
+/// Why a motion was ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Broken {
+    /// States no longer arrive.
+    Stale,
+    /// A joint is elsewhere than it shall be, by so much \[rad or m\].
+    Astray(usize, f64),
+    /// A joint says that it is so fast \[rad/s or m/s\].
+    Fast(usize, f64),
+    /// The arm could not be held before the motion.
+    NotHeld,
+}
+
+/// A motion of one joint on a path without a jerk at its ends.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Path {
+    /// Which joint.
+    pub(super) joint: usize,
+    /// From and to, relative to where the arm was found \[rad or m\].
+    pub(super) offsets: [f64; 2],
+    /// How long it takes \[s\].
+    pub(super) duration_s: f64,
+}
+
+impl Path {
+    /// Offset, velocity and acceleration after a time \[s\].
+    fn at(&self, time_s: f64) -> [f64; 3] {
+        let s = (time_s / self.duration_s).clamp(0.0, 1.0);
+        let [from, to] = self.offsets;
+        let (length, t) = (to - from, self.duration_s);
+        [
+            from + length * s * s * s * (10.0 + s * (6.0 * s - 15.0)),
+            length / t * 30.0 * s * s * (1.0 - s) * (1.0 - s),
+            length / (t * t) * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
+        ]
+    }
+}
+
+/// Moves the arm.
+#[derive(Debug)]
+pub(super) struct Mover<'a, const N: usize> {
+    ports: ControllerPorts,
+    chain: &'a Chain<N>,
+    motion: MotionGenerator<N>,
+    period_ns: u64,
+    lifetime_ns: u64,
+    due_ns: u64,
+    command: JointCommand,
+    state: Option<(RobotState, u64)>,
+    last: Option<JointMotion<N>>,
+    /// Where the arm was found.
+    home: Option<SVector<f64, N>>,
+    /// Since the last [`Mover::forget`].
+    pub(super) trace: Vec<Moment<N>>,
+}
+
+impl<'a, const N: usize> Mover<'a, N> {
+    /// An arm that was not yet moved.
+    pub(super) fn new(
+        ports: ControllerPorts,
+        chain: &'a Chain<N>,
+        config: &ControllerConfig,
+    ) -> Self {
+        let limits = JointLimits::new(chain, &config.robot);
+        Self {
+            ports,
+            chain,
+            motion: MotionGenerator::new(limits, config),
+            period_ns: config.cycle.period_ns,
+            lifetime_ns: config.cycle.command_lifetime_ns,
+            due_ns: monotonic_ns(),
+            command: JointCommand { joint_count: N as u32, ..Default::default() },
+            state: None,
+            last: None,
+            home: None,
+            trace: Vec::new(),
+        }
+    }
+
+    /// How far joint `i` is moved \[rad or m\]: towards the middle of its range.
+    #[must_use]
+    pub(super) fn amplitude(&self, i: usize) -> f64 {
+        let size = match self.chain.joint_kind(i) {
+            Some(JointKind::Prismatic) => AMPLITUDE_M,
+            _ => AMPLITUDE_RAD,
+        };
+        let [lower, upper] = &self.motion.limits().position_end;
+        let at = self.home.map_or(0.0, |home| home[i]);
+        if at > 0.5 * (lower[i] + upper[i]) { -size } else { size }
+    }
+
+    /// Where the newest state says that the joints are, relative to where they were found \[rad or m\].
+    #[must_use]
+    pub(super) fn offset(&self) -> Option<SVector<f64, N>> {
+        Some(self.measured()?.position - self.home?)
+    }
+
+    /// Forgets what was measured so far.
+    pub(super) fn forget(&mut self) {
+        self.trace.clear();
+    }
+
+    fn measured(&self) -> Option<JointState<N>> {
+        let (state, _) = self.state.as_ref()?;
+        let [position, velocity] =
+            [state.position, state.velocity].map(|values| SVector::from_column_slice(&values[..N]));
+        Some(JointState { position, velocity })
+    }
+
+    /// Waits for the next tick and receives what has come.
+    fn look(&mut self) {
+        self.due_ns = (self.due_ns + self.period_ns).max(monotonic_ns());
+        sleep_until(self.due_ns);
+        let _ = self.ports.update_connections();
+        for _ in 0..STATE_BUFFER {
+            let Some(sample) = self.ports.state.receive() else { break };
+            let list = |values: &[f64; 8]| SVector::from_column_slice(&values[..N]);
+            self.trace.push(Moment {
+                time_ns: sample.time_ns,
+                position: list(&sample.position),
+                velocity: list(&sample.velocity),
+                torque: list(&sample.torque),
+                commanded_torque: list(&self.command.torque),
+            });
+            self.state = Some((*sample, monotonic_ns()));
+        }
+    }
+
+    fn publish(&mut self, mode: CommandMode, reason: Reason) {
+        let now_ns = monotonic_ns();
+        let command = &mut self.command;
+        command.sequence += 1;
+        command.state_sequence = self.state.map_or(0, |(state, _)| state.sequence);
+        (command.time_ns, command.expiry_ns) = (now_ns, now_ns + self.lifetime_ns);
+        (command.mode, command.reason) = (mode.to_wire(), reason.to_wire());
+        let _ = self.ports.command.publish(self.command);
+    }
+
+    fn set(&mut self, setpoint: &crate::motion::generator::Setpoint<N>) {
+        self.last = Some(setpoint.motion);
+        for (from, to) in [
+            (&setpoint.motion.position, &mut self.command.position),
+            (&setpoint.motion.velocity, &mut self.command.velocity),
+            (&setpoint.motion.acceleration, &mut self.command.acceleration),
+            (&setpoint.torques.motion, &mut self.command.torque),
+            (&setpoint.torques.gravity, &mut self.command.gravity_torque),
+        ] {
+            to[..N].copy_from_slice(from.as_slice());
+        }
+    }
+
+    fn period_s(&self) -> f64 {
+        self.period_ns as f64 * 1e-9
+    }
+
+    /// Brings the arm to rest where it is and holds it for so long \[s\].
+    ///
+    /// # Errors
+    /// Where it cannot be held.
+    pub(super) fn hold(&mut self, duration_s: f64) -> Result<(), Broken> {
+        let begun_ns = monotonic_ns();
+        let mut held_ns = 0;
+        while monotonic_ns() - begun_ns < 5_000_000_000 {
+            self.look();
+            let measured = self.measured();
+            let (mode, held) = match self.motion.brake(self.chain, measured, self.period_s()) {
+                Some((setpoint, mode)) => {
+                    self.set(&setpoint);
+                    (mode, measured.is_some_and(|state| self.motion.may_follow(&state)))
+                }
+                None => (CommandMode::Stop, false),
+            };
+            self.publish(mode, Reason::HoldRequested);
+            held_ns = if held { held_ns + self.period_ns } else { 0 };
+            if held_ns as f64 * 1e-9 >= duration_s {
+                let position = measured.map(|state| state.position);
+                self.home = self.home.or(position);
+                return Ok(());
+            }
+        }
+        Err(Broken::NotHeld)
+    }
+
+    /// Moves along a path for so long \[s\] from its beginning, under commands of this mode, and looks after
+    /// the arm where that mode is to be obeyed.
+    ///
+    /// # Errors
+    /// Why it was ended.
+    pub(super) fn go(
+        &mut self,
+        path: &Path,
+        from_s: f64,
+        to_s: f64,
+        mode: CommandMode,
+    ) -> Result<(), Broken> {
+        let mut time_s = from_s;
+        while time_s < to_s {
+            self.look();
+            let measured = self.measured().ok_or(Broken::Stale)?;
+            let [offset, velocity, acceleration] = path.at(time_s);
+            if mode == CommandMode::Track {
+                self.look_after(path, offset, &measured)?;
+            }
+            let home = self.home.unwrap_or(measured.position);
+            let reference = self.last.unwrap_or(JointMotion::at_rest(measured.position));
+            let mut wanted = (home - reference.position) * (RATE_1_S * RATE_1_S)
+                - reference.velocity * (2.0 * RATE_1_S);
+            wanted[path.joint] +=
+                offset * RATE_1_S * RATE_1_S + velocity * 2.0 * RATE_1_S + acceleration;
+            let dt = self.period_s();
+            let follow = self.motion.follow(self.chain, &measured, &wanted, 0.0, dt);
+            if let Ok(setpoint) = follow {
+                self.set(&setpoint);
+            }
+            self.publish(mode, Reason::None);
+            time_s += dt;
+        }
+        Ok(())
+    }
+
+    fn look_after(&self, path: &Path, offset: f64, measured: &JointState<N>) -> Result<(), Broken> {
+        let (_, received_ns) = self.state.ok_or(Broken::Stale)?;
+        if monotonic_ns().saturating_sub(received_ns) > STATE_AGE_MAX_NS {
+            return Err(Broken::Stale);
+        }
+        let home = self.home.unwrap_or(measured.position);
+        for i in 0..N {
+            let shall = if i == path.joint { home[i] + offset } else { home[i] };
+            let astray = measured.position[i] - shall;
+            if astray.abs() > ASTRAY * self.amplitude(i).abs() {
+                return Err(Broken::Astray(i, measured.position[i] - home[i]));
+            }
+            if measured.velocity[i].abs() > SPEED_MAX {
+                return Err(Broken::Fast(i, measured.velocity[i]));
+            }
+        }
+        Ok(())
+    }
+
+    /// Publishes nothing for so long \[s\], and watches.
+    pub(super) fn watch(&mut self, duration_s: f64) {
+        let ticks = (duration_s / self.period_s()) as u64;
+        for _ in 0..ticks {
+            self.look();
+        }
+        self.motion.robot_brakes();
+    }
+
+    /// Tells the robot that the controller leaves.
+    pub(super) fn leave(mut self) {
+        for _ in 0..20 {
+            self.look();
+            self.publish(CommandMode::Stop, Reason::StopRequested);
+        }
+    }
+}

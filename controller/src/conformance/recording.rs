@@ -1,0 +1,56 @@
+//! What a publisher sends in a few seconds.
+
+use std::time::{Duration, Instant};
+
+use tprmp_messages::{RobotState, Subscriber, TaskFrames};
+
+use crate::timing::realtime::monotonic_ns;
+
+/// How long a first state is waited for.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Pause between two looks.
+const LOOK: Duration = Duration::from_micros(200);
+
+/// A message, and when it was received.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Received<M> {
+    /// The message.
+    pub(super) message: M,
+    /// On CLOCK_MONOTONIC \[ns\].
+    pub(super) at_ns: u64,
+}
+
+/// What was received.
+#[derive(Debug, Default)]
+pub(super) struct Recording {
+    /// States, in the order in which they came.
+    pub(super) states: Vec<Received<RobotState>>,
+    /// The newest frames; a message each time they were looked for and had changed.
+    pub(super) frames: Vec<Received<TaskFrames>>,
+}
+
+impl Recording {
+    /// Records for so long once a first state has come.
+    pub(super) fn take(
+        state: &Subscriber<RobotState>,
+        frames: Option<&Subscriber<TaskFrames>>,
+        duration: Duration,
+    ) -> Self {
+        let mut recording = Self::default();
+        let begun = Instant::now();
+        let mut first: Option<Instant> = None;
+        while first.map_or(begun.elapsed() < PATIENCE, |first| first.elapsed() < duration) {
+            let connected = state.update_connections()
+                && frames.is_none_or(tprmp_messages::Subscriber::update_connections);
+            while let Some(sample) = state.receive().filter(|_| connected) {
+                recording.states.push(Received { message: *sample, at_ns: monotonic_ns() });
+                first.get_or_insert_with(Instant::now);
+            }
+            if let Some(sample) = frames.and_then(|frames| frames.receive()) {
+                recording.frames.push(Received { message: *sample, at_ns: monotonic_ns() });
+            }
+            std::thread::sleep(LOOK);
+        }
+        recording
+    }
+}
