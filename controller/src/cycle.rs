@@ -412,7 +412,7 @@ impl<const N: usize> Cycle<N> {
             .policy
             .evaluate(q, qd, &self.task.task(), &parameters, &mut self.workspace)
             .map_err(|_| Reason::ResolveFailed)?;
-        let order = self.inbox.order_of_start(&decision.tool).filter(|_| self.motion.is_new());
+        let order = self.inbox.order_of_start(&decision.tool).filter(|_| self.motion.is_holding());
         if let Some(detail) = order {
             self.note(detail);
             return Err(detail.reason);

@@ -237,5 +237,7 @@ fn positions_that_stand_still_in_motion_are_found_within_50_ms_and_told_with_the
     stop(robot, controller);
     let summary = crate::common::json(&place.path("controller.json"));
     let said = summary["seen_by_reason"]["PositionsFrozen"].as_str().unwrap();
-    assert!(said.starts_with("joint 1 `x_joint` stays at "), "{said}");
+    let joints = [("joint 1 `x_joint`", position[0]), ("joint 2 `y_joint`", position[1])];
+    let named = |(joint, at)| said.starts_with(&format!("{joint} stays at {at:.5} "));
+    assert!(joints.into_iter().any(named), "{said}, {position:?}");
 }

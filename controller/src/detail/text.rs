@@ -78,8 +78,8 @@ fn joint_text(snapshot: &Snapshot) -> Option<String> {
         ),
         About::Frozen => format!(
             "{joint} stays at {seen:.5} to the last digit, commanded is {least:.5} rad or m, for {:.0} ms \
-             now: likely the same reading again with a new stamp, or a drive that does not obey; reset once \
-             positions change",
+             now: likely the same reading again with a new stamp, or a drive that does not obey; after a \
+             second try it waits for a position that changes, or a reset",
             1e3 * most
         ),
         _ => return None,

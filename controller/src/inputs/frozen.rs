@@ -14,6 +14,8 @@ const DURATION_NS: u64 = 40_000_000;
 const MOVED_MIN: f64 = 0.005;
 /// States that have to be alike, at least.
 const ALIKE_MIN: u32 = 3;
+/// A robot that braked by itself may obey again: it is tried once, after standing still for so long \[ns\].
+const RETRY_NS: u64 = 500_000_000;
 
 /// Since when the arm is commanded to move.
 #[derive(Debug, Clone, Copy)]
@@ -29,6 +31,8 @@ pub struct FrozenPositions<const N: usize> {
     alike: u32,
     commanded: Option<Commanded<N>>,
     found: Option<Detail>,
+    at_rest_since_ns: Option<u64>,
+    retried: bool,
 }
 
 impl<const N: usize> FrozenPositions<N> {
@@ -37,7 +41,8 @@ impl<const N: usize> FrozenPositions<N> {
         *self = Self::default();
     }
 
-    /// What was found, until a position changes or the arm is commanded to rest.
+    /// What was found: until a position changes, or for one more try until the arm was commanded to rest for half a
+    /// second.
     #[must_use]
     pub fn found(&self) -> Option<&Detail> {
         self.found.as_ref()
@@ -77,9 +82,14 @@ impl<const N: usize> FrozenPositions<N> {
             velocity[..N].iter().any(|v| v.abs() >= COMMANDED_MIN)
         };
         let Some((position, _)) = commanded.filter(moves) else {
-            (self.commanded, self.found) = (None, None);
-            return None;
+            self.commanded = None;
+            let since_ns = *self.at_rest_since_ns.get_or_insert(time_ns);
+            if !self.retried && time_ns.saturating_sub(since_ns) >= RETRY_NS {
+                self.retried = self.found.take().is_some();
+            }
+            return self.found;
         };
+        self.at_rest_since_ns = None;
         if self.found.is_some() {
             return self.found;
         }
@@ -127,18 +137,27 @@ mod tests {
     }
 
     #[test]
-    fn it_lasts_until_a_position_changes_or_the_arm_is_commanded_to_rest() {
+    fn it_lasts_until_a_position_changes_but_for_one_more_try() {
         let mut frozen = FrozenPositions::<2>::default();
         let at = Vector2::new(0.3, 0.2);
-        let mut moving = |at: &Vector2<f64>, k: u64| {
-            let position = [0.3, 0.2 + 1e-3 * k as f64];
-            let result = frozen.update(at, k * MS, Some((&position, &[0.0, 1.0])));
-            (result, frozen.found().map(|found| found.index))
+        // Commanded to move for 100 ms, and then to rest for 600 ms.
+        let attempt = |frozen: &mut FrozenPositions<2>, at: &Vector2<f64>, begun_ms: u64| {
+            let mut update = |k: u64, position: [f64; 2], velocity: [f64; 2]| {
+                frozen.update(at, (begun_ms + k) * MS, Some((&position, &velocity)))
+            };
+            let moved = (0..100).map(|k| update(k, [0.3, 0.2 + 1e-3 * k as f64], [0.0, 1.0]));
+            let moved = moved.last().unwrap();
+            let rested = [200, 600, 700].map(|k| update(k, [0.3; 2], [0.0; 2]));
+            (moved, rested[0], rested[2])
         };
-        let found = (0..100).map(|k| moving(&at, k)).last();
-        assert_eq!(found, Some((Err(Reason::PositionsFrozen), Some(1))));
-        assert_eq!(moving(&(at * 1.001), 100), (Ok(()), None));
-        assert!((101..200).any(|k| moving(&(at * 1.001), k).0.is_err()));
-        assert_eq!(frozen.update(&(at * 1.001), 200 * MS, None), Ok(()));
+        let found = Err(Reason::PositionsFrozen);
+        assert_eq!(attempt(&mut frozen, &at, 0), (found, found, Ok(())));
+        assert_eq!(attempt(&mut frozen, &at, 1000), (found, found, found));
+        // Another position: all is forgotten.
+        let elsewhere = at * 1.001;
+        assert_eq!(attempt(&mut frozen, &elsewhere, 2000), (found, found, Ok(())));
+        assert_eq!(attempt(&mut frozen, &elsewhere, 3000), (found, found, found));
+        frozen.forget();
+        assert_eq!(attempt(&mut frozen, &elsewhere, 4000), (found, found, Ok(())));
     }
 }
