@@ -326,10 +326,10 @@ impl<const N: usize> Cycle<N> {
     fn detail_of(&self, reason: Reason, measured: Option<&JointState<N>>, now_ns: u64) -> Detail {
         match (reason, measured, self.frozen.found()) {
             (Reason::PositionsFrozen, _, Some(found)) => *found,
-            (Reason::JointLimit, Some(state), _) => {
+            (Reason::JointLimit | Reason::JointReturning, Some(state), _) => {
                 let [lower, upper] = &self.motion.limits().position_end;
                 let position = state.position.as_slice();
-                Detail::beyond(position, lower.as_slice(), upper.as_slice())
+                Detail::beyond(reason, position, lower.as_slice(), upper.as_slice())
             }
             (Reason::QuaternionOrder, ..) => self.detail,
             _ => self.inbox.detail(reason, now_ns),
@@ -367,7 +367,7 @@ impl<const N: usize> Cycle<N> {
         self.supervisor.check_fault()?;
         robot_permits?;
         let state = measured?;
-        if !self.motion.limits().contain(&state.position) {
+        if !self.motion.limits().permit_return(&state.position) {
             return Err(Reason::JointLimit);
         }
         self.inbox.check_scene(now_ns)?;
@@ -376,6 +376,9 @@ impl<const N: usize> Cycle<N> {
         }
         self.task.check_gripper(self.inbox.gripper()?, dt)?;
         self.supervisor.check_request()?;
+        if !self.motion.limits().contain(&state.position) {
+            return Err(Reason::JointReturning);
+        }
         // Whatever has gone wrong: first to rest, then on.
         self.lasts = false;
         if !self.motion.may_follow(&state) {
@@ -471,11 +474,13 @@ impl<const N: usize> Cycle<N> {
         }
         // Whether the arm makes progress is judged anew once it goes on.
         self.stall = StallDetector::default();
-        if let Some(setpoint) = self.fall_back(measured, reason, dt) {
+        let returns = reason == Reason::JointReturning;
+        let fallback = if returns { None } else { self.fall_back(measured, reason, dt) };
+        if let Some(setpoint) = fallback {
             self.outbox.set(&setpoint);
             return CommandMode::Hold;
         }
-        match self.motion.brake(self.policy.chain(), measured, dt) {
+        match self.motion.brake(self.policy.chain(), measured, returns, dt) {
             Some((setpoint, mode)) => {
                 self.outbox.set(&setpoint);
                 mode

@@ -242,7 +242,7 @@ proptest! {
                         }
                     })
             });
-            let brake = |motion: &mut MotionGenerator<N>| motion.brake(chain, measured.ok(), dt);
+            let brake = |motion: &mut MotionGenerator<N>| motion.brake(chain, measured.ok(), false, dt);
             let setpoint = decided.ok().or_else(|| brake(&mut motion).map(|(setpoint, _)| setpoint));
             if let Some(setpoint) = setpoint {
                 inside(&setpoint, &mut before, &limits, chain, dt)?;
@@ -339,15 +339,15 @@ proptest! {
                     let setpoint = motion.follow(&chain, &state, wanted, 10.0 * q[0].abs(), dt);
                     let finite = wanted.iter().all(|a| a.is_finite());
                     prop_assert_eq!(setpoint.is_ok(), finite);
-                    let brake = |_| motion.brake(&chain, Some(state), dt).map(|(setpoint, _)| setpoint);
+                    let brake = |_| motion.brake(&chain, Some(state), false, dt).map(|(setpoint, _)| setpoint);
                     setpoint.map(Some).unwrap_or_else(brake)
                 }
                 Event::Brake { measured } => {
-                    motion.brake(&chain, measured.then_some(state), dt).map(|(setpoint, _)| setpoint)
+                    motion.brake(&chain, measured.then_some(state), false, dt).map(|(setpoint, _)| setpoint)
                 }
                 Event::Gap => {
                     motion.robot_brakes();
-                    motion.brake(&chain, Some(state), dt).map(|(setpoint, _)| setpoint)
+                    motion.brake(&chain, Some(state), true, dt).map(|(setpoint, _)| setpoint)
                 }
             };
             if let Some(setpoint) = setpoint {
@@ -381,7 +381,7 @@ proptest! {
         let longest_s = limits.velocity_max.max() / deceleration + 4.0 * turned_s;
         let mut passed_s = 0.0;
         while !motion.reference_rests() {
-            motion.brake(&chain, measured.then_some(state), dt);
+            motion.brake(&chain, measured.then_some(state), false, dt);
             passed_s += dt;
             prop_assert!(passed_s <= longest_s + 3.0 * dt, "still moving after {passed_s} s");
         }

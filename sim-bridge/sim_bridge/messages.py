@@ -126,6 +126,7 @@ class Reason(IntEnum):
     OBSTACLE_QUATERNION = 45
     GRIPPER_NONE = 46
     GRIPPER_AWAITED = 47
+    JOINT_RETURNING = 48
 
 
 class ObstacleKind(IntEnum):

@@ -245,7 +245,7 @@ impl Arm {
         LifeCycle::from_wire(self.status.life_cycle).unwrap()
     }
 
-    fn until(&mut self, what: &str, reached: impl Fn(&Self) -> bool) {
+    fn until(&mut self, what: &str, mut reached: impl FnMut(&Self) -> bool) {
         for _ in 0..10_000 {
             self.step(None);
             if reached(self) {
@@ -443,6 +443,45 @@ fn a_start_frame_in_another_order_is_found_before_any_motion() {
     }
     assert_eq!(arm.reason(), Reason::QuaternionOrder);
     arm.until("goes on", |arm| arm.mode() == CommandMode::Track);
+    arm.stop();
+}
+
+/// The elbow begins so far beyond its limit of π \[rad\].
+fn elbow_beyond(place: &Place, name: &str, beyond: f64) -> Arm {
+    let mut arm = Arm::start(place, &place.train("pick"), name);
+    arm.state.position[2] = core::f64::consts::PI + beyond;
+    arm
+}
+
+#[test]
+fn a_joint_a_little_outside_its_limits_is_moved_back_slowly_and_goes_on() {
+    let place = Place::new("returns");
+    let mut arm = elbow_beyond(&place, "little", 0.03);
+    let mut returned = 0;
+    arm.until("goes on", |arm| {
+        if arm.reason() == Reason::JointReturning {
+            returned += 1;
+            let step_s = STEP_NS as f64 * 1e-9;
+            let moved =
+                (0..6).map(|i| (arm.command.position[i] - arm.state.position[i]).abs() / step_s);
+            assert!(moved.fold(0.0, f64::max) < 0.1);
+            assert_eq!(arm.mode(), CommandMode::Hold);
+        }
+        arm.mode() == CommandMode::Track
+    });
+    assert!(returned > 50 && arm.state.position[2] < core::f64::consts::PI, "{returned}");
+    arm.stop();
+}
+
+#[test]
+fn a_joint_far_outside_its_limits_stays_where_it_is() {
+    let place = Place::new("outside");
+    let mut arm = elbow_beyond(&place, "far", 0.2);
+    for _ in 0..200 {
+        arm.step(None);
+        assert_eq!((arm.mode(), arm.speed()), (CommandMode::Stop, 0.0));
+    }
+    assert_eq!(arm.reason(), Reason::JointLimit);
     arm.stop();
 }
 

@@ -408,6 +408,8 @@ wire_enum! {
         GripperNone = 46,
         /// It follows its policy and is at the goal, where it waits for the gripper to hold.
         GripperAwaited = 47,
+        /// A joint that is a little outside its position limits is moved back, slowly.
+        JointReturning = 48,
     }
 }
 

@@ -20,6 +20,7 @@ const SENTENCES: &[(Reason, &str)] = &[
     (Reason::CommandNotFinite, "the policy's command was not finite"),
     (Reason::StopRequested, "asked to stop"),
     (Reason::JointLimit, "a joint is outside its position limits"),
+    (Reason::JointReturning, "a joint a little outside its position limits is moved back, slowly"),
     (Reason::Overrun, "too many periods were missed in a row"),
     (
         Reason::StateUnbelievable,

@@ -206,7 +206,8 @@ impl<'a, const N: usize> Mover<'a, N> {
         while monotonic_ns() - begun_ns < 5_000_000_000 {
             self.look();
             let measured = self.measured();
-            let (mode, held) = match self.motion.brake(self.chain, measured, self.period_s()) {
+            let (mode, held) = match self.motion.brake(self.chain, measured, false, self.period_s())
+            {
                 Some((setpoint, mode)) => {
                     self.set(&setpoint);
                     (mode, measured.is_some_and(|state| self.motion.may_follow(&state)))

@@ -103,7 +103,7 @@ impl<const N: usize> States<'_, N> {
         let [lower, upper] = [lower, upper].map(SVector::as_slice);
         let wrong = self
             .each()
-            .map(|state| Detail::beyond(&state.position[..N], lower, upper))
+            .map(|state| Detail::beyond(Reason::JointLimit, &state.position[..N], lower, upper))
             .find(|detail| detail.about != About::Nothing);
         wrong.map_or(Ok("inside the URDF's limits".into()), |detail| Err(self.say(detail)))
     }

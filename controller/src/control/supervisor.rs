@@ -32,6 +32,7 @@ pub fn kind(reason: Reason) -> Kind {
         | Reason::StateNotFinite
         | Reason::JointCount
         | Reason::JointLimit
+        | Reason::JointReturning
         | Reason::StateUnbelievable
         | Reason::StateUnconfirmed
         | Reason::SequenceStuck

@@ -128,13 +128,13 @@ impl Detail {
 
     /// The first position that is outside of its limits [rad or m], or nothing to add.
     #[must_use]
-    pub fn beyond(position: &[f64], lower: &[f64], upper: &[f64]) -> Self {
+    pub fn beyond(reason: Reason, position: &[f64], lower: &[f64], upper: &[f64]) -> Self {
         let inside = |i: &usize| !(lower[*i]..=upper[*i]).contains(&position[*i]);
         match (0..position.len()).find(inside) {
-            None => Self::plain(Reason::JointLimit),
+            None => Self::plain(reason),
             Some(i) => {
                 let limits = [lower[i], upper[i]];
-                Self::new(Reason::JointLimit, About::Position, position[i], limits).at(i)
+                Self::new(reason, About::Position, position[i], limits).at(i)
             }
         }
     }

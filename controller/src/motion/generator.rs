@@ -234,17 +234,20 @@ impl<const N: usize> MotionGenerator<N> {
     /// one there is no feedback, and once the reference is at rest the robot has to brake. An arm that may be
     /// elsewhere brakes on its own until the reference rests where it is measured to be.
     ///
+    /// A joint that is a little outside its limits goes back where it `returns`, and is held elsewhere.
+    ///
     /// `None` where nothing is known of the arm: it has to brake.
     pub fn brake(
         &mut self,
         chain: &Chain<N>,
         measured: Option<JointState<N>>,
+        returns: bool,
         dt: f64,
     ) -> Option<(Setpoint<N>, CommandMode)> {
         self.holding = true;
         self.moved_by = None;
-        // What lies beyond the robot's description is no place to hold.
-        let inside = measured.filter(|state| self.limits.contain(&state.position));
+        // What lies far beyond the robot's description is no place to hold.
+        let inside = measured.filter(|state| self.limits.permit_return(&state.position));
         if self.published.is_none() && inside.is_none() {
             return None;
         }
@@ -254,7 +257,12 @@ impl<const N: usize> MotionGenerator<N> {
         let blind = self.published.map_or(SVector::zeros(), |last| last.motion.position);
         let at = measured.unwrap_or(JointState { position: blind, velocity: SVector::zeros() });
         let mut motion = self.reference(&at);
-        let wanted = motion.braking(&self.limits, self.stop.deceleration_fraction, dt);
+        let fraction = self.stop.deceleration_fraction;
+        let wanted = if returns && inside.is_some() && self.tie == Tie::Follows {
+            motion.returning(&self.limits, fraction, dt)
+        } else {
+            motion.braking(&self.limits, fraction, dt)
+        };
         let rested = motion.rests();
         motion.advance(&wanted, &self.limits, dt);
         if let (Tie::Braked, true, Some(state)) = (self.tie, rested, inside) {

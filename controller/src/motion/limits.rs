@@ -23,6 +23,8 @@ pub struct JointLimits<const N: usize> {
     pub effort_rate_max: SVector<f64, N>,
     /// Least and greatest position of the robot's description, without the margin \[rad or m\].
     pub position_end: [SVector<f64, N>; 2],
+    /// From so far outside of the robot's description a joint is moved back \[rad or m\].
+    pub return_max: f64,
 }
 
 impl<const N: usize> JointLimits<N> {
@@ -39,6 +41,7 @@ impl<const N: usize> JointLimits<N> {
             effort_max: chain.effort_max() * robot.effort_fraction,
             effort_rate_max: SVector::from_column_slice(&robot.effort_rate_max),
             position_end: [*chain.position_lower(), *chain.position_upper()],
+            return_max: robot.position_margin,
         }
     }
 
@@ -54,8 +57,18 @@ impl<const N: usize> JointLimits<N> {
     /// Whether every joint is within the robot's description.
     #[must_use]
     pub fn contain(&self, position: &SVector<f64, N>) -> bool {
+        self.contain_but(position, 0.0)
+    }
+
+    /// Whether every joint is within the robot's description, or so little outside that it is moved back.
+    #[must_use]
+    pub fn permit_return(&self, position: &SVector<f64, N>) -> bool {
+        self.contain_but(position, self.return_max)
+    }
+
+    fn contain_but(&self, position: &SVector<f64, N>, outside: f64) -> bool {
         let [lower, upper] = &self.position_end;
-        (0..N).all(|i| (lower[i]..=upper[i]).contains(&position[i]))
+        (0..N).all(|i| (lower[i] - outside..=upper[i] + outside).contains(&position[i]))
     }
 
     /// The torque that may be commanded.

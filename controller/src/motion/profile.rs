@@ -18,6 +18,10 @@ pub struct JointMotion<const N: usize> {
 
 /// A speed below this is rest: processors are slow with subnormal numbers [rad/s or m/s].
 const REST: f64 = 1e-12;
+/// Joints outside their limits are moved back with this fraction of their largest speed …
+const RETURN_FRACTION: f64 = 0.02;
+/// … which is come to in about so long \[s\].
+const RETURN_S: f64 = 0.1;
 
 impl<const N: usize> JointMotion<N> {
     /// At rest at `position` \[rad or m\].
@@ -39,7 +43,9 @@ impl<const N: usize> JointMotion<N> {
             let [lower, upper] = &limits.position_end;
             self.acceleration[i] = a;
             self.velocity[i] = v;
-            self.position[i] = (self.position[i] + v * dt).clamp(lower[i], upper[i]);
+            // From outside it goes no further outside.
+            let q = self.position[i];
+            self.position[i] = (q + v * dt).clamp(lower[i].min(q), upper[i].max(q));
         }
     }
 
@@ -64,6 +70,27 @@ impl<const N: usize> JointMotion<N> {
             .max(within(lower - v))
             .clamp(-most, most)
             .clamp(a - jerk * dt, a + jerk * dt)
+    }
+
+    /// As [`JointMotion::braking`], but joints that are outside the robot's description, or hardly inside, go back.
+    #[must_use]
+    pub fn returning(&self, limits: &JointLimits<N>, fraction: f64, dt: f64) -> SVector<f64, N> {
+        let mut wanted = self.braking(limits, fraction, dt);
+        let inset = 0.5 * limits.return_max;
+        let [lower, upper] = &limits.position_end;
+        for i in 0..N {
+            let (q, speed) = (self.position[i], RETURN_FRACTION * limits.velocity_max[i]);
+            let back = if q > upper[i] - inset {
+                -speed
+            } else if q < lower[i] + inset {
+                speed
+            } else {
+                continue;
+            };
+            let most = fraction * limits.acceleration_max[i];
+            wanted[i] = ((back - self.velocity[i]) / RETURN_S).clamp(-most, most);
+        }
+        wanted
     }
 
     /// The accelerations that bring the motion to rest \[rad/s² or m/s²\]: every joint arrives at zero
@@ -123,6 +150,7 @@ mod tests {
             effort_max: Vector2::repeat(100.0),
             effort_rate_max: Vector2::repeat(1e4),
             position_end: [Vector2::new(-1.1, -2.1), Vector2::new(1.1, 2.1)],
+            return_max: 0.1,
         }
     }
 

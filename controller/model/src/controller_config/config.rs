@@ -56,7 +56,7 @@ pub struct Robot {
     pub velocity_fraction: f64,
     /// Fraction of the URDF's effort limit that may be used.
     pub effort_fraction: f64,
-    /// Distance kept from the URDF's position limits \[rad or m\].
+    /// Distance kept from the URDF's position limits; a joint that is outside by no more is moved back \[rad or m\].
     pub position_margin: f64,
     /// Least and greatest position of joints that are to use less than the URDF permits
     /// \[rad or m\]: what keeps an arm from folding its elbow or its shoulder over. Outside, a joint
