@@ -63,7 +63,10 @@ impl<const N: usize> LoadObserver<N> {
             let most = effort_fraction * effort_max[i];
             // A step is no longer than what it integrates.
             let fraction = elapsed_s / (elapsed_s + time_s);
-            self.torque[i] = (load - disturbance * fraction).clamp(-most, most);
+            let next = load - disturbance * fraction;
+            // What lets go of itself goes no further than to nothing.
+            let next = if runs_away && next * load < 0.0 { 0.0 } else { next };
+            self.torque[i] = next.clamp(-most, most);
         }
     }
 }
@@ -123,5 +126,8 @@ mod tests {
             advance(&mut observer, left, 0.5, 0.1);
         }
         assert!(observer.torque()[0] < 0.1, "{}", observer.torque()[0]);
+        // A push, beside which there was hardly any load, is no reason to resist it at once.
+        advance(&mut observer, 40.0, 0.5, 0.1);
+        assert_eq!(observer.torque()[0], 0.0);
     }
 }
