@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use tprmp_controller::commands::conformance::Conformance;
 use tprmp_controller::commands::ctl::Ctl;
+use tprmp_controller::commands::frames::Frames;
 use tprmp_controller::commands::run::Run;
 use tprmp_controller::commands::soak::Soak;
 use tprmp_controller::commands::{check, clean, top};
@@ -61,6 +62,10 @@ enum Command {
         #[arg(long)]
         instance: Option<String>,
     },
+    /// Publish frames and obstacles that stand still, as a source beside the state publisher.
+    ///
+    /// Ctrl-C ends it: then they are too old, and the arm stops where it needs them.
+    Frames(Frames),
     /// Run a controller for a long time beside a publisher that is killed and started again at random.
     ///
     /// Judged are allocations, memory and schedule. The exit code is 1 when something does not hold.
@@ -81,6 +86,7 @@ fn main() -> ExitCode {
         Command::Top { instance, once } => exit(top::top(&instance, once)),
         Command::Ctl(ctl) => exit(ctl.run()),
         Command::Clean { instance } => exit(clean::clean(instance.as_deref())),
+        Command::Frames(frames) => exit(frames.run()),
         Command::Soak(soak) => exit(soak.run()),
         Command::Conformance(conformance) => exit(conformance.run()),
         Command::Layout => {

@@ -126,6 +126,7 @@ class Reason(IntEnum):
     OBSTACLE_QUATERNION = 45
     GRIPPER_NONE = 46
     GRIPPER_AWAITED = 47
+    FRAME_TWICE = 48
 
 
 class ObstacleKind(IntEnum):
@@ -186,9 +187,10 @@ class Obstacle(_Message):
 class TaskFrames(_Message):
     """The task parameters: frames and obstacles, from the bridge to the controller."""
 
-    WIRE_NAME = "TaskFramesV2"
+    WIRE_NAME = "TaskFramesV3"
     _fields_ = [
         *_all(_U64, "sequence time_ns"),
+        ("source", ctypes.c_uint8 * NAME_CAPACITY),
         *_all(_U32, "frame_count obstacle_count"),
         ("frames", Frame * FRAME_CAPACITY),
         ("obstacles", Obstacle * OBSTACLE_CAPACITY),
@@ -253,7 +255,7 @@ class ControllerStatus(_Message):
 
 MESSAGES = {
     "RobotState": (RobotState, 232),
-    "TaskFrames": (TaskFrames, 5464),
+    "TaskFrames": (TaskFrames, 5488),
     "Frame": (Frame, 136),
     "Obstacle": (Obstacle, 136),
     "JointCommand": (JointCommand, 368),
@@ -301,9 +303,14 @@ def joint_names_hash(names: Iterable[str]) -> int:
 
 def write_name(frame: Frame, name: str) -> None:
     """Writes a frame's name, padded with zeros."""
+    frame.name[:] = name_bytes(name)
+
+
+def name_bytes(name: str) -> bytes:
+    """A name as it is on the wire, padded with zeros: of a frame, or of a source of frames."""
     data = name.encode()
-    assert 0 < len(data) <= NAME_CAPACITY, f"frame name `{name}`"
-    frame.name[:] = data.ljust(NAME_CAPACITY, b"\0")
+    assert 0 < len(data) <= NAME_CAPACITY, f"name `{name}`: expected 1 to {NAME_CAPACITY} bytes"
+    return data.ljust(NAME_CAPACITY, b"\0")
 
 
 def read_name(frame: Frame) -> str:

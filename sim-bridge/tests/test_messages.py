@@ -18,7 +18,7 @@ CONTROLLER = ROOT / "target" / "release" / "controller"
         ("RobotState", 232),
         ("Frame", 136),
         ("Obstacle", 136),
-        ("TaskFrames", 5464),
+        ("TaskFrames", 5488),
         ("JointCommand", 368),
         ("ToolCommand", 64),
         ("ControllerStatus", 144),

@@ -10,6 +10,9 @@ use iceoryx2::service::static_config::publish_subscribe::StaticConfig;
 /// The version of iceoryx2 that this program is built with.
 pub(crate) const VERSION: [u64; 3] = [0, 9, 3];
 
+/// Most sources of frames of an instance, the state publisher's among them.
+pub const FRAME_SOURCES_MAX: usize = 8;
+
 /// Most readers that a service can have.
 pub(crate) const SUBSCRIBERS_MAX: usize = 8;
 
@@ -31,9 +34,9 @@ pub struct ServiceBounds {
 }
 
 impl ServiceBounds {
-    /// Those of all services, with this buffer.
-    pub(crate) fn with_buffer(buffer: usize) -> Self {
-        let (publishers, subscribers) = (1, SUBSCRIBERS_MAX);
+    /// Those of a service with so many publishers and this buffer.
+    pub(crate) fn new(publishers: usize, buffer: usize) -> Self {
+        let subscribers = SUBSCRIBERS_MAX;
         Self { publishers, subscribers, nodes: 16, history: 1, buffer, overflow: true }
     }
 

@@ -12,7 +12,8 @@ use crate::bounds::SUBSCRIBERS_MAX;
 use crate::checks::unpadded;
 use crate::error::ServiceError;
 use crate::messages::wire_enum;
-use crate::services::{Instance, NodeGuard};
+use crate::ports::NodeGuard;
+use crate::services::Instance;
 
 /// Longest text of a request or an answer, in bytes of UTF-8; shorter ones are padded with zeros.
 pub const TEXT_CAPACITY: usize = 1000;

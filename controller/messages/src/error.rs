@@ -9,7 +9,7 @@ use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenOrCreateError;
 use thiserror::Error;
 
-use crate::bounds::{SUBSCRIBERS_MAX, ServiceBounds};
+use crate::bounds::{FRAME_SOURCES_MAX, SUBSCRIBERS_MAX, ServiceBounds};
 use crate::shared_memory::SharedMemoryFault;
 
 /// Why the services of an instance could not be opened.
@@ -80,6 +80,11 @@ pub enum ServiceError {
     /// A second publisher of the same service.
     #[error("service `{0}` already has a publisher: another one is running on this instance")]
     SecondPublisher(String),
+    /// Every place of a source of frames is in use.
+    #[error(
+        "service `{0}` already has {FRAME_SOURCES_MAX} sources of frames, as many as it can have: end one"
+    )]
+    TooManySources(String),
     /// The other side was built with another layout of the message.
     #[error(
         "service `{service}`: expected this program's {message} of {size} bytes, found {found}: both sides \

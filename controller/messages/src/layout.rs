@@ -49,7 +49,7 @@ layout! {
         sequence, time_ns, joint_count, gripper_state, robot_mode, safety_stop, joint_names_hash,
         position, velocity, torque
     }
-    TaskFrames { sequence, time_ns, frame_count, obstacle_count, frames, obstacles }
+    TaskFrames { sequence, time_ns, source, frame_count, obstacle_count, frames, obstacles }
     Frame { name, valid, padding, position, quaternion, linear_velocity, angular_velocity }
     Obstacle { kind, valid, position, quaternion, linear_velocity, angular_velocity, size }
     JointCommand {
@@ -75,7 +75,7 @@ mod tests {
         assert_eq!(size_of::<RobotState>(), 232);
         assert_eq!(size_of::<Frame>(), 136);
         assert_eq!(size_of::<Obstacle>(), 136);
-        assert_eq!(size_of::<TaskFrames>(), 32 - 8 + 8 * 136 + 32 * 136);
+        assert_eq!(size_of::<TaskFrames>(), 48 + 8 * 136 + 32 * 136);
         assert_eq!(size_of::<JointCommand>(), 368);
         assert_eq!(size_of::<ToolCommand>(), 64);
         assert_eq!(size_of::<ControllerStatus>(), 144);

@@ -1,13 +1,13 @@
 //! The shared-memory messages of tprmp and the services that carry them.
 //!
-//! Five publish-subscribe services an instance, each with one publisher and up to eight subscribers. A
-//! slow reader never blocks the writer: it gets the newest messages, one of most services. Of states the
+//! Five publish-subscribe services an instance, each with one publisher, frames with up to
+//! [`FRAME_SOURCES_MAX`], and up to eight subscribers. A slow reader never blocks the writer: it gets the newest messages, one of most services. Of states the
 //! controller gets the newest [`STATE_BUFFER`], and of states and statuses an observer [`OBSERVER_BUFFER`].
 //!
 //! | service                          | message              | from              | to         |
 //! |----------------------------------|----------------------|-------------------|------------|
 //! | `<instance>/robot_state/v1`      | [`RobotState`]       | state publisher   | controller |
-//! | `<instance>/task_frames/v1`      | [`TaskFrames`]       | state publisher   | controller |
+//! | `<instance>/task_frames/v1`      | [`TaskFrames`]       | its sources       | controller |
 //! | `<instance>/joint_command/v1`    | [`JointCommand`]     | controller        | robot      |
 //! | `<instance>/controller_status/v1`| [`ControllerStatus`] | controller        | anyone     |
 //! | `<instance>/tool_command/v1`     | [`ToolCommand`]      | teleoperation, …  | controller |
@@ -55,11 +55,13 @@ mod files;
 pub mod guard;
 mod layout;
 mod messages;
+mod ports;
 mod services;
 mod shared_memory;
+mod sources;
 mod stop;
 
-pub use bounds::ServiceBounds;
+pub use bounds::{FRAME_SOURCES_MAX, ServiceBounds};
 pub use checks::{
     FRAME_DISTANCE_MAX_M, NameFault, QUATERNION_TOLERANCE, joint_names_hash, name_bytes, name_str,
     quaternion_length,
@@ -77,9 +79,11 @@ pub use messages::{
     JOINT_CAPACITY, JointCommand, LifeCycle, NAME_CAPACITY, OBSTACLE_CAPACITY, Obstacle,
     ObstacleKind, Reason, RobotMode, RobotState, TaskFrames, ToolCommand,
 };
-pub use services::{
-    ControllerPorts, Instance, OBSERVER_BUFFER, ObserverPorts, Publisher, STATE_BUFFER, Sample,
-    StatePublisherPorts, StatusPort, Subscriber, ToolCommandPort,
+pub use ports::{
+    ControllerPorts, FrameSourcePort, FramesPort, OBSERVER_BUFFER, ObserverPorts, Publisher,
+    STATE_BUFFER, Sample, StatePublisherPorts, StatusPort, Subscriber, ToolCommandPort,
 };
+pub use services::Instance;
 pub use shared_memory::{SHARED_MEMORY_MIN_BYTES, SharedMemoryFault, free_shared_memory_bytes};
+pub use sources::{Claim, FrameSources, PublishedFrames, source_text};
 pub use stop::stop_flag;

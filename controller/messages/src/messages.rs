@@ -39,15 +39,19 @@ pub struct RobotState {
     pub torque: [f64; JOINT_CAPACITY],
 }
 
-/// The task parameters: frames and obstacles, from a state publisher to the controller.
+/// The task parameters: frames and obstacles, from their sources to the controller. A state publisher may be
+/// the only source, or one of several.
 #[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("TaskFramesV2")]
+#[type_name("TaskFramesV3")]
 #[repr(C)]
 pub struct TaskFrames {
     /// Counts up by at least one from message to message.
     pub sequence: u64,
     /// When the frames were measured \[ns\], on the clock of [`RobotState::time_ns`].
     pub time_ns: u64,
+    /// Name of the source, UTF-8, padded with zeros: each of several has one of its own. A state publisher
+    /// may leave it empty.
+    pub source: [u8; NAME_CAPACITY],
     /// Number of frames in use, the first ones of the array.
     pub frame_count: u32,
     /// Number of obstacles in use, the first ones of the array.
@@ -408,6 +412,8 @@ wire_enum! {
         GripperNone = 46,
         /// It follows its policy and is at the goal, where it waits for the gripper to hold.
         GripperAwaited = 47,
+        /// Two sources publish the same frame, or have the same name.
+        FrameTwice = 48,
     }
 }
 

@@ -4,6 +4,7 @@ pub mod check;
 pub mod clean;
 pub mod conformance;
 pub mod ctl;
+pub mod frames;
 pub mod monitor;
 pub mod overrides;
 pub mod run;
