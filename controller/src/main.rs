@@ -8,13 +8,13 @@ use clap::{Parser, Subcommand};
 use tprmp_controller::commands::conformance::Conformance;
 use tprmp_controller::commands::ctl::Ctl;
 use tprmp_controller::commands::frames::Frames;
+use tprmp_controller::commands::layout::Layout;
 use tprmp_controller::commands::run::Run;
 use tprmp_controller::commands::soak::Soak;
 use tprmp_controller::commands::{check, clean, top};
 use tprmp_controller::timing::allocation::CountingAllocator;
+use tprmp_files::errln;
 use tprmp_files::standard::exit_code;
-use tprmp_files::{errln, outln};
-use tprmp_messages::LAYOUT;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -74,8 +74,8 @@ enum Command {
     ///
     /// The exit code is 1 when a check fails; its remedy stands beside it.
     Conformance(Conformance),
-    /// Print the layout of the shared-memory messages as JSON, for mirrors in other languages.
-    Layout,
+    /// Print what is in shared memory, for publishers in other languages: types, sizes, names, values and bounds.
+    Layout(Layout),
 }
 
 fn main() -> ExitCode {
@@ -89,8 +89,8 @@ fn main() -> ExitCode {
         Command::Frames(frames) => exit(frames.run()),
         Command::Soak(soak) => exit(soak.run()),
         Command::Conformance(conformance) => exit(conformance.run()),
-        Command::Layout => {
-            print_layout();
+        Command::Layout(layout) => {
+            layout.run();
             exit_code(true)
         }
     }
@@ -104,16 +104,4 @@ fn exit(result: Result<(), impl Display>) -> ExitCode {
             exit_code(false)
         }
     }
-}
-
-fn print_layout() {
-    let fields: Vec<_> = LAYOUT
-        .iter()
-        .map(|f| {
-            serde_json::json!({
-                "message": f.message, "field": f.field, "offset": f.offset, "size": f.size,
-            })
-        })
-        .collect();
-    outln!("{}", serde_json::Value::from(fields));
 }

@@ -16,7 +16,9 @@ import iceoryx2
 
 from sim_bridge.errors import BridgeError
 from sim_bridge.instance_files import Files, check_memory
-from sim_bridge.messages import (
+from sim_bridge.wire import (
+    FRAME_SOURCES_MAX,
+    SERVICES,
     ControllerStatus,
     JointCommand,
     RobotState,
@@ -26,15 +28,6 @@ from sim_bridge.messages import (
 
 if TYPE_CHECKING:
     from typing_extensions import Self
-
-OBSERVER_BUFFER = 256
-"""Newest messages that are kept for an observer, which wants each of them."""
-
-FRAME_SOURCES_MAX = 8
-"""Most sources of frames of an instance, the state publisher's among them."""
-
-OBSERVED = ("robot_state", "controller_status")
-"""Services that keep messages for observers."""
 
 _NAME = re.compile(r"[A-Za-z0-9-]{1,32}")
 _PORT_ERRORS = (
@@ -109,14 +102,7 @@ class Instance:
     @staticmethod
     def bounds(topic: str) -> dict[str, int | bool]:
         """What the service of a topic is made with, on both sides."""
-        return {
-            "max_publishers": FRAME_SOURCES_MAX if topic == "task_frames" else 1,
-            "max_subscribers": 8,
-            "max_nodes": 16,
-            "history_size": 1,
-            "subscriber_max_buffer_size": OBSERVER_BUFFER if topic in OBSERVED else 1,
-            "has_safe_overflow": True,
-        }
+        return {name: bound for name, bound in SERVICES[topic].items() if name != "name"}
 
     def publisher(
         self, node: iceoryx2.Node, topic: str, message: type[ctypes.Structure]
@@ -135,7 +121,7 @@ class Instance:
             return service.subscriber_builder().buffer_size(1).create()
 
     def _name(self, topic: str) -> str:
-        return f"{self.name}/{topic}/v1"
+        return SERVICES[topic]["name"].replace("<instance>", self.name)
 
     @contextmanager
     def _explained(self, topic: str, message: type[ctypes.Structure]) -> Iterator[None]:

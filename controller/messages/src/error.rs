@@ -10,6 +10,7 @@ use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenOrCreateE
 use thiserror::Error;
 
 use crate::bounds::{FRAME_SOURCES_MAX, SUBSCRIBERS_MAX, ServiceBounds};
+use crate::messages::JOINT_CAPACITY;
 use crate::shared_memory::SharedMemoryFault;
 
 /// Why the services of an instance could not be opened.
@@ -124,6 +125,12 @@ pub enum ServiceError {
         /// The version of the other side.
         found: String,
     },
+    /// A robot of no joints, or of more than a message carries.
+    #[error("a robot of {0} joints: expected 1 to {JOINT_CAPACITY}")]
+    JointCount(usize),
+    /// A message was not sent.
+    #[error("shared memory refuses a message: `controller clean`, then open the instance again")]
+    NotSent,
     /// Every place of a reader is taken.
     #[error("service `{0}` already has {SUBSCRIBERS_MAX} readers, as many as it can have: end one")]
     TooManySubscribers(String),

@@ -11,14 +11,6 @@ use crate::messages::{ControllerStatus, JointCommand, RobotState, TaskFrames, To
 /// A sample received from shared memory, without a copy.
 pub type Sample<M> = iceoryx2::sample::Sample<ipc::Service, M, ()>;
 
-/// Newest states that are kept for the controller, which judges each of them: as many as a publisher three
-/// times as fast as the loop sends in five ticks.
-pub const STATE_BUFFER: usize = 16;
-
-/// Newest states and statuses that are kept for an observer, which wants each of them; the robot
-/// gets the newest command only.
-pub const OBSERVER_BUFFER: usize = 256;
-
 /// Sends messages of type `M`.
 #[derive(Debug)]
 pub struct Publisher<M: Debug + ZeroCopySend + 'static>(
@@ -130,7 +122,7 @@ pub struct StatePublisherPorts {
 /// The ports of an observer. Dropped, they leave no files behind.
 #[derive(Debug)]
 pub struct ObserverPorts {
-    /// Robot states, each of them while no more than [`OBSERVER_BUFFER`] wait.
+    /// Robot states, each of them while no more than [`OBSERVER_BUFFER`](crate::OBSERVER_BUFFER) wait.
     pub state: Subscriber<RobotState>,
     /// Newest task frames and obstacles of each source: [`FrameSources`](crate::FrameSources) keeps them.
     pub frames: Subscriber<TaskFrames>,
@@ -149,7 +141,7 @@ pub struct ToolCommandPort {
 /// behind.
 #[derive(Debug)]
 pub struct StatusPort {
-    /// Statuses, each of them while no more than [`OBSERVER_BUFFER`] wait.
+    /// Statuses, each of them while no more than [`OBSERVER_BUFFER`](crate::OBSERVER_BUFFER) wait.
     pub status: Subscriber<ControllerStatus>,
     pub(crate) _node: NodeGuard,
 }

@@ -12,20 +12,17 @@ use iceoryx2::service::builder::publish_subscribe::{
 use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
-use crate::bounds::{FRAME_SOURCES_MAX, ServiceBounds, other_version};
+use crate::bounds::{
+    CONTROLLER_STATUS, JOINT_COMMAND, OBSERVER_BUFFER, ROBOT_STATE, STATE_BUFFER, ServiceBounds,
+    TASK_FRAMES, TOOL_COMMAND, bounds, other_version,
+};
 use crate::error::ServiceError;
 use crate::files::{Cleaned, Files, names_with_files};
 use crate::ports::{
-    ControllerPorts, FrameSourcePort, FramesPort, Leftovers, NodeGuard, OBSERVER_BUFFER,
-    ObserverPorts, Publisher, STATE_BUFFER, StatePublisherPorts, StatusPort, Subscriber,
-    ToolCommandPort,
+    ControllerPorts, FrameSourcePort, FramesPort, Leftovers, NodeGuard, ObserverPorts, Publisher,
+    StatePublisherPorts, StatusPort, Subscriber, ToolCommandPort,
 };
 use crate::shared_memory::{free_shared_memory_bytes, refused_reservations};
-
-const ROBOT_STATE: &str = "robot_state";
-const TASK_FRAMES: &str = "task_frames";
-const CONTROLLER_STATUS: &str = "controller_status";
-const TOOL_COMMAND: &str = "tool_command";
 
 /// One running system: a robot, its publisher and its controller share an instance name.
 #[derive(Debug, Clone)]
@@ -222,7 +219,7 @@ impl Instance {
     pub fn open_controller(&self) -> Result<ControllerPorts, ServiceError> {
         let ((command, status, state, frames), node) = self.open(|node| {
             Ok((
-                self.publisher(node, "joint_command")?,
+                self.publisher(node, JOINT_COMMAND)?,
                 self.publisher(node, CONTROLLER_STATUS)?,
                 self.subscriber(node, ROBOT_STATE, STATE_BUFFER)?,
                 self.subscriber(node, TASK_FRAMES, 1)?,
@@ -240,7 +237,7 @@ impl Instance {
             Ok((
                 self.publisher(node, ROBOT_STATE)?,
                 self.publisher(node, TASK_FRAMES)?,
-                self.subscriber(node, "joint_command", 1)?,
+                self.subscriber(node, JOINT_COMMAND, 1)?,
                 self.subscriber(node, CONTROLLER_STATUS, 1)?,
             ))
         })?;
@@ -315,15 +312,6 @@ fn reserved<T>(create: impl FnOnce() -> Result<T, ServiceError>) -> Result<T, Se
     drop(result);
     let free = free_shared_memory_bytes()?;
     Err(ServiceError::SharedMemoryFilled { free })
-}
-
-/// The bounds of the service of a topic.
-fn bounds(topic: &str) -> ServiceBounds {
-    match topic {
-        ROBOT_STATE | CONTROLLER_STATUS => ServiceBounds::new(1, OBSERVER_BUFFER),
-        TASK_FRAMES => ServiceBounds::new(FRAME_SOURCES_MAX, 1),
-        _ => ServiceBounds::new(1, 1),
-    }
 }
 
 impl ControllerPorts {

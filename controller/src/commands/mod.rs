@@ -5,6 +5,7 @@ pub mod clean;
 pub mod conformance;
 pub mod ctl;
 pub mod frames;
+pub mod layout;
 pub mod monitor;
 pub mod overrides;
 pub mod run;
