@@ -85,7 +85,7 @@ impl Publisher {
             let mut seen = TaskFrames::of_source("camera").unwrap();
             (seen.time_ns, seen.frame_count, seen.obstacle_count) = (time_ns, 1, 1);
             // Twice, now and then: the other source publishes it, too.
-            let name = if step % 350 == 0 { "end" } else { "mark" };
+            let name = if step.is_multiple_of(350) { "end" } else { "mark" };
             seen.frames[0] = Frame::at(name, [0.1 * t.sin(), 0.0, 1.0]).unwrap();
             seen.obstacles[0] = frames.obstacles[0];
             seen.obstacles[0].position = [5.0, 5.0, 5.0];

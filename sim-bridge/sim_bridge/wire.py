@@ -72,36 +72,26 @@ SERVICES = {
 class GripperState(IntEnum):
     """What the gripper senses."""
 
-    # No gripper, or nothing sensed.
-    NONE = 0
-    # The gripper is open or its vacuum is off.
-    OPEN = 1
-    # The gripper holds an object.
-    HOLDING = 2
+    NONE = 0  # No gripper, or nothing sensed.
+    OPEN = 1  # The gripper is open or its vacuum is off.
+    HOLDING = 2  # The gripper holds an object.
 
 
 class RobotMode(IntEnum):
     """What the robot itself is doing."""
 
-    # It obeys commands.
-    RUNNING = 0
-    # Its own protective stop: it brakes, or stands still.
-    PROTECTIVE_STOP = 1
-    # Its emergency stop.
-    EMERGENCY_STOP = 2
-    # It is guided by hand.
-    HAND_GUIDING = 3
-    # It reports a fault.
-    FAULT = 4
+    RUNNING = 0  # It obeys commands.
+    PROTECTIVE_STOP = 1  # Its own protective stop: it brakes, or stands still.
+    EMERGENCY_STOP = 2  # Its emergency stop.
+    HAND_GUIDING = 3  # It is guided by hand.
+    FAULT = 4  # It reports a fault.
 
 
 class GripperCommand(IntEnum):
     """What the gripper should do."""
 
-    # Open, vacuum off.
-    RELEASE = 0
-    # Close, vacuum on.
-    GRIP = 1
+    RELEASE = 0  # Open, vacuum off.
+    GRIP = 1  # Close, vacuum on.
 
 
 class CommandMode(IntEnum):
@@ -110,29 +100,20 @@ class CommandMode(IntEnum):
     # No motion: brake, whatever the other fields say. Sent as a last command, and while there is no
     # state to move from.
     STOP = 0
-    # Follow the policy.
-    TRACK = 1
-    # Decelerate and hold, for the reason given.
-    HOLD = 2
+    TRACK = 1  # Follow the policy.
+    HOLD = 2  # Decelerate and hold, for the reason given.
 
 
 class LifeCycle(IntEnum):
     """The controller's life cycle: `controller/LIFECYCLE.md` has every transition."""
 
-    # Waiting for a first valid state and valid frames.
-    WAITING = 0
-    # Following the skill.
-    RUNNING = 1
-    # The object is held: lifting it.
-    LIFTING = 2
-    # The task is done: holding still.
-    DONE = 3
-    # Decelerating or holding because of `ControllerStatus::reason`.
-    HOLDING = 4
-    # Ramping down to leave.
-    STOPPING = 5
-    # All is well; the arm is held until somebody starts it.
-    READY = 6
+    WAITING = 0  # Waiting for a first valid state and valid frames.
+    RUNNING = 1  # Following the skill.
+    LIFTING = 2  # The object is held: lifting it.
+    DONE = 3  # The task is done: holding still.
+    HOLDING = 4  # Decelerating or holding because of `ControllerStatus::reason`.
+    STOPPING = 5  # Ramping down to leave.
+    READY = 6  # All is well; the arm is held until somebody starts it.
     # Decelerating or holding because of `ControllerStatus::reason`, until somebody resets it.
     FAULT = 7
 
@@ -144,138 +125,89 @@ class Reason(IntEnum):
     in again once the cause has gone.
     """
 
-    # It follows it.
-    NONE = 0
-    # No state arrives any more: the newest is older than its limit.
-    STATE_STALE = 1
-    # The state's sequence number went back: the publisher was restarted.
-    SEQUENCE_WENT_BACK = 2
-    # A number in the state is not finite.
-    STATE_NOT_FINITE = 3
-    # The state has another number of joints than the robot's description.
-    JOINT_COUNT = 4
-    # A frame the skill needs is missing or marked invalid.
-    FRAME_MISSING = 5
-    # A number in a frame or an obstacle is not finite.
-    FRAME_NOT_FINITE = 6
-    # A frame's quaternion is not of unit length.
-    QUATERNION_NOT_UNIT = 7
+    NONE = 0  # It follows it.
+    STATE_STALE = 1  # No state arrives any more: the newest is older than its limit.
+    SEQUENCE_WENT_BACK = 2  # The state's sequence number went back: the publisher was restarted.
+    STATE_NOT_FINITE = 3  # A number in the state is not finite.
+    JOINT_COUNT = 4  # The state has another number of joints than the robot's description.
+    FRAME_MISSING = 5  # A frame the skill needs is missing or marked invalid.
+    FRAME_NOT_FINITE = 6  # A number in a frame or an obstacle is not finite.
+    QUATERNION_NOT_UNIT = 7  # A frame's quaternion is not of unit length.
     # An obstacle is of a kind this controller does not know, or its mark is neither 0 nor 1.
     OBSTACLE_UNKNOWN = 8
-    # The newest frames are older than their limit.
-    FRAMES_STALE = 9
-    # The tree could not be resolved: its metric is not positive definite.
-    RESOLVE_FAILED = 10
-    # The policy's command was not finite.
-    COMMAND_NOT_FINITE = 11
-    # A signal asked for a stop.
-    STOP_REQUESTED = 12
-    # A measured joint position is outside the robot's description.
-    JOINT_LIMIT = 13
-    # Too many periods were missed in a row.
-    OVERRUN = 14
+    FRAMES_STALE = 9  # The newest frames are older than their limit.
+    RESOLVE_FAILED = 10  # The tree could not be resolved: its metric is not positive definite.
+    COMMAND_NOT_FINITE = 11  # The policy's command was not finite.
+    STOP_REQUESTED = 12  # A signal asked for a stop.
+    JOINT_LIMIT = 13  # A measured joint position is outside the robot's description.
+    OVERRUN = 14  # Too many periods were missed in a row.
     # A measured speed is far beyond the joint's limit, or a position or velocity has jumped.
     STATE_UNBELIEVABLE = 15
-    # The gripper reports a state this controller does not know.
-    GRIPPER_UNKNOWN = 16
+    GRIPPER_UNKNOWN = 16  # The gripper reports a state this controller does not know.
     # It follows its policy, but the arm stands still before an obstacle or before itself.
     BLOCKED = 17
-    # It follows its policy, but the arm stands still short of the goal.
-    UNREACHABLE = 18
-    # A first state has arrived; those that follow have to confirm it.
-    STATE_UNCONFIRMED = 19
-    # States arrive, but their sequence number does not grow.
-    SEQUENCE_STUCK = 20
-    # States arrive, but their time stamp does not grow.
-    STATE_TIME_STUCK = 21
+    UNREACHABLE = 18  # It follows its policy, but the arm stands still short of the goal.
+    STATE_UNCONFIRMED = 19  # A first state has arrived; those that follow have to confirm it.
+    SEQUENCE_STUCK = 20  # States arrive, but their sequence number does not grow.
+    STATE_TIME_STUCK = 21  # States arrive, but their time stamp does not grow.
     # States arrive, but their time stamp is farther from the present than a state may be old:
     # another clock.
     STATE_CLOCK = 22
-    # Positions change by something else than their velocities say.
-    VELOCITY_UNBELIEVABLE = 23
-    # Too many states in a row are missing, by their sequence numbers.
-    STATES_LOST = 24
+    VELOCITY_UNBELIEVABLE = 23  # Positions change by something else than their velocities say.
+    STATES_LOST = 24  # Too many states in a row are missing, by their sequence numbers.
     # The loop was held up for longer than a command lives: the robot has braked on its own.
     COMMAND_EXPIRED = 25
     # The sequence number of the states went back again within a second: two sources publish.
     TWO_SOURCES = 26
-    # The robot reports a protective stop.
-    PROTECTIVE_STOP = 27
-    # The robot reports an emergency stop.
-    EMERGENCY_STOP = 28
-    # The robot is guided by hand.
-    HAND_GUIDING = 29
-    # The robot reports a fault, or a mode that there is not.
-    ROBOT_FAULT = 30
-    # The robot's safety system does not permit motion.
-    SAFETY_STOP = 31
-    # Nobody has asked for a start yet.
-    START_NOT_REQUESTED = 32
-    # Somebody asked for a hold.
-    HOLD_REQUESTED = 33
-    # The controller before this one ended without a stop.
-    ENDED_UNEXPECTEDLY = 34
-    # The arm is not at rest, or not where the last commands ended.
-    ARM_ELSEWHERE = 35
-    # The gripper holds something that this controller did not grip.
-    GRIPPER_HOLDS = 36
+    PROTECTIVE_STOP = 27  # The robot reports a protective stop.
+    EMERGENCY_STOP = 28  # The robot reports an emergency stop.
+    HAND_GUIDING = 29  # The robot is guided by hand.
+    ROBOT_FAULT = 30  # The robot reports a fault, or a mode that there is not.
+    SAFETY_STOP = 31  # The robot's safety system does not permit motion.
+    START_NOT_REQUESTED = 32  # Nobody has asked for a start yet.
+    HOLD_REQUESTED = 33  # Somebody asked for a hold.
+    ENDED_UNEXPECTEDLY = 34  # The controller before this one ended without a stop.
+    ARM_ELSEWHERE = 35  # The arm is not at rest, or not where the last commands ended.
+    GRIPPER_HOLDS = 36  # The gripper holds something that this controller did not grip.
     # The hash of the joints' names is another one: other joints, or another order.
     JOINT_ORDER = 37
-    # The arm is commanded to move, states arrive, and no position changes.
-    POSITIONS_FROZEN = 38
+    POSITIONS_FROZEN = 38  # The arm is commanded to move, states arrive, and no position changes.
     # The controller runs in lockstep, the publisher does not wait for its commands.
     PUBLISHER_NOT_IN_LOCKSTEP = 39
-    # More frames than a message carries.
-    FRAME_COUNT = 40
-    # A frame is farther from the base than any arm reaches.
-    FRAME_FAR = 41
+    FRAME_COUNT = 40  # More frames than a message carries.
+    FRAME_FAR = 41  # A frame is farther from the base than any arm reaches.
     # The frame of the start is where the tool is, with its quaternion in another order.
     QUATERNION_ORDER = 42
-    # More obstacles than a message carries.
-    OBSTACLE_COUNT = 43
-    # A size of an obstacle is zero or negative.
-    OBSTACLE_SIZE = 44
-    # An obstacle's quaternion is not of unit length.
-    OBSTACLE_QUATERNION = 45
-    # The task grips, and the state says that there is no gripper.
-    GRIPPER_NONE = 46
+    OBSTACLE_COUNT = 43  # More obstacles than a message carries.
+    OBSTACLE_SIZE = 44  # A size of an obstacle is zero or negative.
+    OBSTACLE_QUATERNION = 45  # An obstacle's quaternion is not of unit length.
+    GRIPPER_NONE = 46  # The task grips, and the state says that there is no gripper.
     # It follows its policy and is at the goal, where it waits for the gripper to hold.
     GRIPPER_AWAITED = 47
-    # Two sources publish the same frame, or have the same name.
-    FRAME_TWICE = 48
+    FRAME_TWICE = 48  # Two sources publish the same frame, or have the same name.
 
 
 class ObstacleKind(IntEnum):
     """Shape of an obstacle."""
 
-    # A ball: `position` is its centre, `size0` its radius [m].
-    SPHERE = 0
-    # Everything below the plane through `position` whose normal is the z axis.
-    HALF_SPACE = 1
+    SPHERE = 0  # A ball: `position` is its centre, `size0` its radius [m].
+    HALF_SPACE = 1  # Everything below the plane through `position` whose normal is the z axis.
     # All points within a radius of a stretch of the z axis: `size0` is the radius, `size1` the
     # length of the stretch, to which the round ends are added [m].
     CAPSULE = 2
-    # A box: `size` are its edges along x, y and z [m].
-    BOX = 3
+    BOX = 3  # A box: `size` are its edges along x, y and z [m].
 
 
 class ControlVerb(IntEnum):
     """What somebody asks of a controller."""
 
-    # Nothing: the answer tells how it is.
-    STATUS = 0
-    # Go on, from waiting for a start or from a hold.
-    START = 1
-    # Decelerate to rest and hold, until a start.
-    HOLD = 2
-    # Ramp down and leave.
-    STOP = 3
-    # Somebody has looked: forget the fault.
-    RESET = 4
-    # Follow the model in the file of the text.
-    SWAP_MODEL = 5
-    # Change the setting of the text to the value.
-    SET = 6
+    STATUS = 0  # Nothing: the answer tells how it is.
+    START = 1  # Go on, from waiting for a start or from a hold.
+    HOLD = 2  # Decelerate to rest and hold, until a start.
+    STOP = 3  # Ramp down and leave.
+    RESET = 4  # Somebody has looked: forget the fault.
+    SWAP_MODEL = 5  # Follow the model in the file of the text.
+    SET = 6  # Change the setting of the text to the value.
 
 
 class RobotState(ctypes.Structure):
@@ -284,23 +216,17 @@ class RobotState(ctypes.Structure):
     _fields_ = [
         # Counts up by one from message to message: what is missing is counted as lost.
         ("sequence", ctypes.c_uint64),
-        # When the state was measured [ns].
-        ("time_ns", ctypes.c_uint64),
-        # Number of joints in use, the first ones of each array.
-        ("joint_count", ctypes.c_uint32),
-        # What the gripper senses: a `GripperState`.
-        ("gripper_state", ctypes.c_uint32),
-        # What the robot itself is doing: a `RobotMode`.
-        ("robot_mode", ctypes.c_uint32),
+        ("time_ns", ctypes.c_uint64),  # When the state was measured [ns].
+        ("joint_count", ctypes.c_uint32),  # Number of joints in use, the first ones of each array.
+        ("gripper_state", ctypes.c_uint32),  # What the gripper senses: a `GripperState`.
+        ("robot_mode", ctypes.c_uint32),  # What the robot itself is doing: a `RobotMode`.
         # 0 while the robot's safety system permits motion, 1 while it does not.
         ("safety_stop", ctypes.c_uint32),
         # `joint_names_hash` of the joints' names, in the order of the arrays; 0 where the publisher
         # does not say.
         ("joint_names_hash", ctypes.c_uint64),
-        # Joint positions [rad or m].
-        ("position", ctypes.c_double * 8),
-        # Joint velocities [rad/s or m/s].
-        ("velocity", ctypes.c_double * 8),
+        ("position", ctypes.c_double * 8),  # Joint positions [rad or m].
+        ("velocity", ctypes.c_double * 8),  # Joint velocities [rad/s or m/s].
         # Measured joint torques or forces, without gravity [N m or N]; zero where not measured.
         ("torque", ctypes.c_double * 8),
     ]
@@ -328,20 +254,13 @@ class Frame(ctypes.Structure):
     """A named task frame in the robot's base frame `B`."""
 
     _fields_ = [
-        # UTF-8, padded with zeros.
-        ("name", ctypes.c_uint8 * 24),
-        # 1 when the pose may be used, 0 when it is unknown.
-        ("valid", ctypes.c_uint32),
-        # Explicit padding, zero.
-        ("padding", ctypes.c_uint32),
-        # Origin [m].
-        ("position", ctypes.c_double * 3),
-        # Orientation, unit quaternion `w, x, y, z`.
-        ("quaternion", ctypes.c_double * 4),
-        # Velocity of the origin [m/s].
-        ("linear_velocity", ctypes.c_double * 3),
-        # Angular velocity, expressed in `B` [rad/s].
-        ("angular_velocity", ctypes.c_double * 3),
+        ("name", ctypes.c_uint8 * 24),  # UTF-8, padded with zeros.
+        ("valid", ctypes.c_uint32),  # 1 when the pose may be used, 0 when it is unknown.
+        ("padding", ctypes.c_uint32),  # Explicit padding, zero.
+        ("position", ctypes.c_double * 3),  # Origin [m].
+        ("quaternion", ctypes.c_double * 4),  # Orientation, unit quaternion `w, x, y, z`.
+        ("linear_velocity", ctypes.c_double * 3),  # Velocity of the origin [m/s].
+        ("angular_velocity", ctypes.c_double * 3),  # Angular velocity, expressed in `B` [rad/s].
     ]
 
     @staticmethod
@@ -364,21 +283,15 @@ class Obstacle(ctypes.Structure):
     """A moving obstacle in the robot's base frame `B`."""
 
     _fields_ = [
-        # What `size` means: an `ObstacleKind`.
-        ("kind", ctypes.c_uint32),
+        ("kind", ctypes.c_uint32),  # What `size` means: an `ObstacleKind`.
         # 1 when the obstacle is there, 0 when it is not. One that is not measured any more is still
         # there: publish its last pose.
         ("valid", ctypes.c_uint32),
-        # Centre; of a half-space, a point on its surface [m].
-        ("position", ctypes.c_double * 3),
-        # Orientation, unit quaternion `w, x, y, z`.
-        ("quaternion", ctypes.c_double * 4),
-        # Velocity of `position` [m/s].
-        ("linear_velocity", ctypes.c_double * 3),
-        # Angular velocity, expressed in `B` [rad/s].
-        ("angular_velocity", ctypes.c_double * 3),
-        # What it is depends on the kind; the rest is unused [m].
-        ("size", ctypes.c_double * 3),
+        ("position", ctypes.c_double * 3),  # Centre; of a half-space, a point on its surface [m].
+        ("quaternion", ctypes.c_double * 4),  # Orientation, unit quaternion `w, x, y, z`.
+        ("linear_velocity", ctypes.c_double * 3),  # Velocity of `position` [m/s].
+        ("angular_velocity", ctypes.c_double * 3),  # Angular velocity, expressed in `B` [rad/s].
+        ("size", ctypes.c_double * 3),  # What it is depends on the kind; the rest is unused [m].
     ]
 
     @staticmethod
@@ -404,21 +317,17 @@ class TaskFrames(ctypes.Structure):
     """
 
     _fields_ = [
-        # Counts up by at least one from message to message.
-        ("sequence", ctypes.c_uint64),
+        ("sequence", ctypes.c_uint64),  # Counts up by at least one from message to message.
         # When the frames were measured [ns], on the clock of `RobotState::time_ns`.
         ("time_ns", ctypes.c_uint64),
         # Name of the source, UTF-8, padded with zeros: each of several has one of its own. A state
         # publisher may leave it empty.
         ("source", ctypes.c_uint8 * 24),
-        # Number of frames in use, the first ones of the array.
-        ("frame_count", ctypes.c_uint32),
+        ("frame_count", ctypes.c_uint32),  # Number of frames in use, the first ones of the array.
         # Number of obstacles in use, the first ones of the array.
         ("obstacle_count", ctypes.c_uint32),
-        # Named frames.
-        ("frames", Frame * 8),
-        # Obstacles.
-        ("obstacles", Obstacle * 32),
+        ("frames", Frame * 8),  # Named frames.
+        ("obstacles", Obstacle * 32),  # Obstacles.
     ]
 
     @staticmethod
@@ -446,30 +355,21 @@ class JointCommand(ctypes.Structure):
     """
 
     _fields_ = [
-        # Counts up by one from message to message.
-        ("sequence", ctypes.c_uint64),
+        ("sequence", ctypes.c_uint64),  # Counts up by one from message to message.
         # `RobotState::sequence` of the state this command answers.
         ("state_sequence", ctypes.c_uint64),
         # When the command was computed [ns]; in lockstep, the state's time.
         ("time_ns", ctypes.c_uint64),
-        # When the command expires [ns].
-        ("expiry_ns", ctypes.c_uint64),
-        # A `CommandMode`.
-        ("mode", ctypes.c_uint32),
-        # A `GripperCommand`.
-        ("gripper_command", ctypes.c_uint32),
-        # Number of joints in use, the first ones of each array.
-        ("joint_count", ctypes.c_uint32),
+        ("expiry_ns", ctypes.c_uint64),  # When the command expires [ns].
+        ("mode", ctypes.c_uint32),  # A `CommandMode`.
+        ("gripper_command", ctypes.c_uint32),  # A `GripperCommand`.
+        ("joint_count", ctypes.c_uint32),  # Number of joints in use, the first ones of each array.
         # A `Reason`: why the controller does not follow its policy, or makes no progress with it.
         ("reason", ctypes.c_uint32),
-        # Desired positions, integrated [rad or m].
-        ("position", ctypes.c_double * 8),
-        # Desired velocities, integrated [rad/s or m/s].
-        ("velocity", ctypes.c_double * 8),
-        # Desired accelerations [rad/s² or m/s²].
-        ("acceleration", ctypes.c_double * 8),
-        # Joint torques or forces without gravity [N m or N].
-        ("torque", ctypes.c_double * 8),
+        ("position", ctypes.c_double * 8),  # Desired positions, integrated [rad or m].
+        ("velocity", ctypes.c_double * 8),  # Desired velocities, integrated [rad/s or m/s].
+        ("acceleration", ctypes.c_double * 8),  # Desired accelerations [rad/s² or m/s²].
+        ("torque", ctypes.c_double * 8),  # Joint torques or forces without gravity [N m or N].
         # Joint torques or forces that hold the arm against gravity [N m or N].
         ("gravity_torque", ctypes.c_double * 8),
     ]
@@ -497,11 +397,11 @@ assert JointCommand.gravity_torque.offset == 304
 
 
 class ToolCommand(ctypes.Structure):
-    """A desired velocity of the tool: from teleoperation, hand guiding or another planner, to a
-    controller whose configuration listens.
+    """A desired velocity of the tool: from teleoperation, hand guiding or another planner.
 
-    It acts beside the skill and is no state: one that is faulty, or older than the controller
-    permits, is ignored. Zeros ask for a tool at rest; to let go, stop publishing.
+    It is for a controller whose configuration listens. It acts beside the skill and is no state:
+    one that is faulty, or older than the controller permits, is ignored. Zeros ask for a tool at
+    rest; to let go, stop publishing.
     """
 
     _fields_ = [
@@ -533,42 +433,29 @@ class ControllerStatus(ctypes.Structure):
     """How the controller is doing, once a tick or every few."""
 
     _fields_ = [
-        # Counts up by one from message to message.
-        ("sequence", ctypes.c_uint64),
-        # When the tick ended [ns].
-        ("time_ns", ctypes.c_uint64),
-        # A `LifeCycle`.
-        ("life_cycle", ctypes.c_uint32),
-        # A `Reason`.
-        ("reason", ctypes.c_uint32),
-        # Ticks so far.
-        ("ticks", ctypes.c_uint64),
+        ("sequence", ctypes.c_uint64),  # Counts up by one from message to message.
+        ("time_ns", ctypes.c_uint64),  # When the tick ended [ns].
+        ("life_cycle", ctypes.c_uint32),  # A `LifeCycle`.
+        ("reason", ctypes.c_uint32),  # A `Reason`.
+        ("ticks", ctypes.c_uint64),  # Ticks so far.
         # Ticks that ended after their deadline or came after skipped periods, so far.
         ("deadline_misses", ctypes.c_uint64),
-        # Periods that passed without a tick, so far.
-        ("skipped_periods", ctypes.c_uint64),
+        ("skipped_periods", ctypes.c_uint64),  # Periods that passed without a tick, so far.
         # States that are missing between those that arrived, by their numbers, so far.
         ("states_lost", ctypes.c_uint64),
         # Heap allocations inside the loop, so far, without those of `connections`.
         ("allocations", ctypes.c_uint64),
         # How often a new peer had to be connected to inside the loop, so far.
         ("connections", ctypes.c_uint64),
-        # Period of the loop [ns].
-        ("period_ns", ctypes.c_uint64),
-        # How late the last tick woke up [ns].
-        ("wake_up_ns", ctypes.c_uint64),
-        # Age of the state the last tick used [ns].
-        ("state_age_ns", ctypes.c_uint64),
-        # Time the last tick took to receive its messages [ns].
-        ("receiving_ns", ctypes.c_uint64),
+        ("period_ns", ctypes.c_uint64),  # Period of the loop [ns].
+        ("wake_up_ns", ctypes.c_uint64),  # How late the last tick woke up [ns].
+        ("state_age_ns", ctypes.c_uint64),  # Age of the state the last tick used [ns].
+        ("receiving_ns", ctypes.c_uint64),  # Time the last tick took to receive its messages [ns].
         # Time the last tick took for checks, policy and limits [ns].
         ("evaluation_ns", ctypes.c_uint64),
-        # Time the last tick took to publish its command [ns].
-        ("publishing_ns", ctypes.c_uint64),
-        # Distance of the tool from the goal [m].
-        ("goal_distance_m", ctypes.c_double),
-        # Angle of the tool from the goal [rad].
-        ("goal_angle_rad", ctypes.c_double),
+        ("publishing_ns", ctypes.c_uint64),  # Time the last tick took to publish its command [ns].
+        ("goal_distance_m", ctypes.c_double),  # Distance of the tool from the goal [m].
+        ("goal_angle_rad", ctypes.c_double),  # Angle of the tool from the goal [rad].
         # Lyapunov value Φ + ½ ẏᵀMẏ of the skill in canonical coordinates [J].
         ("energy_j", ctypes.c_double),
     ]
@@ -605,14 +492,10 @@ class ControlRequest(ctypes.Structure):
     """A request."""
 
     _fields_ = [
-        # A `ControlVerb`.
-        ("verb", ctypes.c_uint32),
-        # Explicit padding, zero.
-        ("padding", ctypes.c_uint32),
-        # For `ControlVerb::Set`, in the unit of the setting.
-        ("value", ctypes.c_double),
-        # The path of a model, or the name of a setting.
-        ("text", ctypes.c_uint8 * 1000),
+        ("verb", ctypes.c_uint32),  # A `ControlVerb`.
+        ("padding", ctypes.c_uint32),  # Explicit padding, zero.
+        ("value", ctypes.c_double),  # For `ControlVerb::Set`, in the unit of the setting.
+        ("text", ctypes.c_uint8 * 1000),  # The path of a model, or the name of a setting.
     ]
 
     @staticmethod
@@ -632,16 +515,11 @@ class ControlAnswer(ctypes.Structure):
     """An answer."""
 
     _fields_ = [
-        # 1 when the request was taken, 0 when it was refused.
-        ("accepted", ctypes.c_uint32),
-        # A `LifeCycle`.
-        ("life_cycle", ctypes.c_uint32),
-        # A `Reason`.
-        ("reason", ctypes.c_uint32),
-        # Explicit padding, zero.
-        ("padding", ctypes.c_uint32),
-        # For people: what was done, or why it was not.
-        ("text", ctypes.c_uint8 * 1000),
+        ("accepted", ctypes.c_uint32),  # 1 when the request was taken, 0 when it was refused.
+        ("life_cycle", ctypes.c_uint32),  # A `LifeCycle`.
+        ("reason", ctypes.c_uint32),  # A `Reason`.
+        ("padding", ctypes.c_uint32),  # Explicit padding, zero.
+        ("text", ctypes.c_uint8 * 1000),  # For people: what was done, or why it was not.
     ]
 
     @staticmethod

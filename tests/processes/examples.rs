@@ -174,7 +174,8 @@ fn the_header_and_the_module_stand_alone() {
     let wrong = layout("c").replacen("uint64_t time_ns;", "uint32_t time_ns;", 1);
     std::fs::write(&header, wrong).unwrap();
     let output = run(gcc("-std=c11").args(["-fsyntax-only", "-x", "c", &header]));
-    assert!(!output.status.success() && text(&output).contains("time_ns"), "{}", text(&output));
+    let said = text(&output);
+    assert!(!output.status.success() && said.contains("static assertion failed"), "{said}");
 }
 
 #[test]

@@ -15,9 +15,9 @@ use tprmp_controller::control::supervisor::{Kind, can_latch, kind};
 use tprmp_controller::startup;
 use tprmp_controller::timing::pacing::Pacing;
 use tprmp_messages::{
-    CommandMode, ControllerStatus, Frame, FrameSourcePort, GripperCommand, GripperState, Instance, JointCommand,
-    LifeCycle, Obstacle, ObstacleKind, Reason, RobotMode, RobotState, StatePublisherPorts,
-    TaskFrames, joint_names_hash,
+    CommandMode, ControllerStatus, Frame, FrameSourcePort, GripperCommand, GripperState, Instance,
+    JointCommand, LifeCycle, Obstacle, ObstacleKind, Reason, RobotMode, RobotState,
+    StatePublisherPorts, TaskFrames, joint_names_hash,
 };
 use tprmp_model::controller_config;
 use tprmp_robot::{Chain, Kinematics, forward_kinematics};
@@ -192,7 +192,18 @@ impl Arm {
         });
         let (command, status) = Default::default();
         let time_ns = 1_000_000_000;
-        Self { ports, second, state, frames, command, status, shared, controller, time_ns, gripped: 0 }
+        Self {
+            ports,
+            second,
+            state,
+            frames,
+            command,
+            status,
+            shared,
+            controller,
+            time_ns,
+            gripped: 0,
+        }
     }
 
     /// One step: moves as commanded, publishes, and waits for the answer.

@@ -121,12 +121,12 @@ macro_rules! message {
 
         impl $name {
             /// What it looks like on the wire.
-            pub const LAYOUT: $crate::MessageLayout = $crate::MessageLayout {
+            pub const LAYOUT: $crate::layout::MessageLayout = $crate::layout::MessageLayout {
                 name: stringify!($name),
                 type_name: $type_name,
                 size: size_of::<Self>(),
                 doc: &[$($doc),*],
-                fields: &[$($crate::FieldLayout {
+                fields: &[$($crate::layout::FieldLayout {
                     message: stringify!($name),
                     field: stringify!($field),
                     offset: core::mem::offset_of!($name, $field),
@@ -173,10 +173,10 @@ macro_rules! wire_enum {
             /// Every variant, in order of its number.
             pub const ALL: &[Self] = &[$(Self::$variant),+];
             /// What it looks like on the wire.
-            pub const LAYOUT: $crate::EnumLayout = $crate::EnumLayout {
+            pub const LAYOUT: $crate::layout::EnumLayout = $crate::layout::EnumLayout {
                 name: stringify!($name),
                 doc: &[$($doc),*],
-                values: &[$($crate::ValueLayout {
+                values: &[$($crate::layout::ValueLayout {
                     name: stringify!($variant),
                     value: $value,
                     doc: &[$($value_doc),+],
@@ -195,35 +195,3 @@ macro_rules! wire_enum {
 }
 
 pub(crate) use {message, wire_enum};
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{
-        ControllerStatus, Frame, GripperState, JointCommand, Obstacle, RobotState, TaskFrames,
-        ToolCommand,
-    };
-
-    #[test]
-    fn sizes_are_those_other_languages_were_told() {
-        assert_eq!(size_of::<RobotState>(), 232);
-        assert_eq!(size_of::<Frame>(), 136);
-        assert_eq!(size_of::<Obstacle>(), 136);
-        assert_eq!(size_of::<TaskFrames>(), 48 + 8 * 136 + 32 * 136);
-        assert_eq!(size_of::<JointCommand>(), 368);
-        assert_eq!(size_of::<ToolCommand>(), 64);
-        assert_eq!(size_of::<ControllerStatus>(), 144);
-    }
-
-    #[test]
-    fn tables_say_what_is_on_the_wire() {
-        let [.., frames, obstacles] = TaskFrames::LAYOUT.fields else { panic!("no fields") };
-        assert_eq!((frames.field, frames.offset, frames.size), ("frames", 48, 8 * 136));
-        assert_eq!((obstacles.scalar, obstacles.count), (Scalar::Message("Obstacle"), Some(32)));
-        assert_eq!(RobotState::LAYOUT.type_name, "RobotStateV3");
-        assert_eq!(GripperState::LAYOUT.values[2].name, "Holding");
-        assert_eq!(GripperState::default(), GripperState::None);
-        let documented = |field: &FieldLayout| !field.doc.is_empty();
-        assert!(crate::MESSAGES.iter().flat_map(|message| message.fields).all(documented));
-    }
-}

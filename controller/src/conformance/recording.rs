@@ -40,14 +40,14 @@ impl Recording {
         let begun = Instant::now();
         let mut first: Option<Instant> = None;
         while first.map_or(begun.elapsed() < PATIENCE, |first| first.elapsed() < duration) {
-            let connected = state.update_connections()
-                && frames.is_none_or(tprmp_messages::Subscriber::update_connections);
+            let connected =
+                state.update_connections() && frames.is_none_or(Subscriber::update_connections);
             while let Some(sample) = state.receive().filter(|_| connected) {
                 recording.states.push(Received { message: *sample, at_ns: monotonic_ns() });
                 first.get_or_insert_with(Instant::now);
             }
             for _ in 0..FRAME_SOURCES_MAX {
-                let Some(sample) = frames.and_then(|frames| frames.receive()) else { break };
+                let Some(sample) = frames.and_then(Subscriber::receive) else { break };
                 recording.frames.push(Received { message: *sample, at_ns: monotonic_ns() });
             }
             std::thread::sleep(LOOK);

@@ -355,7 +355,7 @@ mod tests {
         for (text, part) in [
             (said(About::Position, -157.0, [-6.3, 6.3]), "joint 2 `b` is at -157.0000"),
             (said(About::Position, -157.0, [-6.3, 6.3]), "publish radians"),
-            (said(About::PositionJump, 90.0, [1.5708, 0.1]), "publish radians"),
+            (said(About::PositionJump, 90.0, [1.57, 0.1]), "publish radians"),
             (said(About::Clock, 1.7e18, [now, 5e7]), "CLOCK_REALTIME"),
             (said(About::Clock, now * 1e-3, [now, 5e7]), "microseconds"),
             (said(About::Clock, now * 1e-9, [now, 5e7]), "seconds"),

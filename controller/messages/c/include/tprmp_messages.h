@@ -437,10 +437,10 @@ static_assert(offsetof(tprmp_joint_command, acceleration) == 176, "acceleration"
 static_assert(offsetof(tprmp_joint_command, torque) == 240, "torque");
 static_assert(offsetof(tprmp_joint_command, gravity_torque) == 304, "gravity_torque");
 
-/* A desired velocity of the tool: from teleoperation, hand guiding or another planner, to a
- * controller whose configuration listens. It acts beside the skill and is no state: one that is
- * faulty, or older than the controller permits, is ignored. Zeros ask for a tool at rest; to let
- * go, stop publishing. */
+/* A desired velocity of the tool: from teleoperation, hand guiding or another planner. It is for
+ * a controller whose configuration listens. It acts beside the skill and is no state: one that
+ * is faulty, or older than the controller permits, is ignored. Zeros ask for a tool at rest; to
+ * let go, stop publishing. */
 typedef struct tprmp_tool_command {
     /* Counts up by at least one from message to message; a publisher that begins while no other
      * command is fresh may begin anywhere. */

@@ -61,7 +61,7 @@ pub(super) fn layout() -> String {
             "answer": "ControlAnswer",
             "bounds": {"max_servers": 1, "max_clients": 8, "max_nodes": 16},
         },
-        "messages": MESSAGES.iter().map(|of| message(of)).collect::<Value>(),
+        "messages": MESSAGES.iter().map(message).collect::<Value>(),
         "enums": enums.collect::<Value>(),
     });
     format!("{all:#}")

@@ -33,12 +33,23 @@ fn docstring(text: &mut String, doc: &[&str]) {
     }
 }
 
+/// A line of code with what it means: behind it where that fits, else above it.
+fn line(text: &mut String, indent: &str, code: &str, doc: &[&str]) {
+    let doc = plain(doc);
+    let one = format!("{indent}{code}  # {doc}");
+    let lines = if one.chars().count() <= WIDTH {
+        one
+    } else {
+        format!("{}\n{indent}{code}", wrapped(&doc, &format!("{indent}# "), WIDTH).join("\n"))
+    };
+    let _ = writeln!(text, "{lines}");
+}
+
 fn message(text: &mut String, message: &MessageLayout) {
     let _ = writeln!(text, "\n\nclass {}(ctypes.Structure):", message.name);
     docstring(text, message.doc);
     text.push_str("\n    _fields_ = [\n");
     for FieldLayout { field, scalar, count, doc, .. } in message.fields {
-        let _ = writeln!(text, "{}", wrapped(&plain(doc), "        # ", WIDTH).join("\n"));
         let kind = match scalar {
             Scalar::U8 => "ctypes.c_uint8",
             Scalar::U32 => "ctypes.c_uint32",
@@ -47,7 +58,7 @@ fn message(text: &mut String, message: &MessageLayout) {
             Scalar::Message(name) => name,
         };
         let count = count.map_or(String::new(), |count| format!(" * {count}"));
-        let _ = writeln!(text, "        (\"{field}\", {kind}{count}),");
+        line(text, "        ", &format!("(\"{field}\", {kind}{count}),"), doc);
     }
     let MessageLayout { name, type_name, size, .. } = message;
     let _ = write!(
@@ -90,8 +101,8 @@ pub(super) fn layout() -> String {
         docstring(&mut text, of.doc);
         text.push('\n');
         for value in of.values {
-            let _ = writeln!(text, "{}", wrapped(&plain(value.doc), "    # ", WIDTH).join("\n"));
-            let _ = writeln!(text, "    {} = {}", snake(value.name).to_uppercase(), value.value);
+            let code = format!("{} = {}", snake(value.name).to_uppercase(), value.value);
+            line(&mut text, "    ", &code, value.doc);
         }
     }
     for of in MESSAGES {
