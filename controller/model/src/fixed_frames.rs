@@ -115,7 +115,11 @@ pub enum FixedFramesError {
 pub fn read(path: &Path) -> Result<FixedFrames, FixedFramesError> {
     let text = tprmp_files::read_text(path, BYTES_MAX)
         .map_err(|source| FixedFramesError::Read { path: path.into(), source })?;
-    let fixed: FixedFrames = ron::from_str(&text).map_err(|error| FixedFramesError::Syntax {
+    parsed(&text, path)
+}
+
+fn parsed(text: &str, path: &Path) -> Result<FixedFrames, FixedFramesError> {
+    let fixed: FixedFrames = ron::from_str(text).map_err(|error| FixedFramesError::Syntax {
         path: path.into(),
         line: error.span.start.line,
         column: error.span.start.col,
@@ -129,4 +133,41 @@ pub fn read(path: &Path) -> Result<FixedFrames, FixedFramesError> {
         });
     }
     Ok(fixed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shipped() -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/frames/table.ron")
+    }
+
+    /// What is said of the shipped file with one text replaced.
+    fn said(from: &str, to: &str) -> String {
+        let text = std::fs::read_to_string(shipped()).unwrap();
+        assert!(text.contains(from), "the edit must hit");
+        parsed(&text.replacen(from, to, 1), Path::new("my.ron")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_file_is_refused_by_its_line_key_and_expectation() {
+        let shipped = read(&shipped()).unwrap();
+        assert_eq!((shipped.frames.len(), shipped.obstacles.len()), (1, 1));
+        for (text, part) in [
+            (
+                said("period_s: 0.02", "period_s: 0.0"),
+                "key `period_s`: expected 0.001 to 1 s, found 0",
+            ),
+            (said("period_s: 0.02", "period_s: NaN"), "found NaN"),
+            (said("period_s: 0.02,", ""), "period_s"),
+            (said("source", "sauce"), "sauce"),
+            (said("HalfSpace", "HalfSpade"), "HalfSpade"),
+            (said("(0.5, 0.0, 0.0)", "(0.5, 0.0)"), "line 7"),
+        ] {
+            assert!(text.contains("my.ron") && text.contains(part), "{text}");
+        }
+        let missing = read(Path::new("no-such-file.ron")).unwrap_err().to_string();
+        assert!(missing.contains("no-such-file.ron") && missing.contains("cannot be read"));
+    }
 }

@@ -56,6 +56,10 @@ fn plain(doc: &[&str]) -> String {
         } else if let Some(target) = mark.strip_prefix("](") {
             target.split_once(')').map_or("", |(_, after)| after)
         } else {
+            // Of a link to code, or of an index in code.
+            if !mark.starts_with("[`") && !(mark.starts_with(']') && plain.ends_with('`')) {
+                plain += &mark[..1];
+            }
             &mark[1..]
         };
     }
@@ -100,6 +104,7 @@ mod tests {
         let doc =
             [" On the clock of [`RobotState::time_ns`]", r" \[ns\]: see [`hash`](crate::hash)."];
         assert_eq!(plain(&doc), "On the clock of `RobotState::time_ns` [ns]: see `hash`.");
+        assert_eq!(plain(&["`size[0]` of [`Kind`]"]), "`size[0]` of `Kind`");
         assert_eq!(snake("ControllerStatus"), "controller_status");
     }
 
