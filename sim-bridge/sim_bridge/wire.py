@@ -190,9 +190,9 @@ class Reason(IntEnum):
 class ObstacleKind(IntEnum):
     """Shape of an obstacle."""
 
-    SPHERE = 0  # A ball: `position` is its centre, `size0` its radius [m].
+    SPHERE = 0  # A ball: `position` is its centre, `size[0]` its radius [m].
     HALF_SPACE = 1  # Everything below the plane through `position` whose normal is the z axis.
-    # All points within a radius of a stretch of the z axis: `size0` is the radius, `size1` the
+    # All points within a radius of a stretch of the z axis: `size[0]` is the radius, `size[1]` the
     # length of the stretch, to which the round ends are added [m].
     CAPSULE = 2
     BOX = 3  # A box: `size` are its edges along x, y and z [m].

@@ -456,9 +456,11 @@ fn a_start_frame_in_another_order_is_found_before_any_motion() {
     let place = Place::new("order");
     let model = place.train("pick");
     let mut arm = Arm::start(&place, &model, "quaternion");
-    for _ in 0..100 {
+    for state in 0..100 {
         arm.step(Some(|_, frames| frames.frames[0].quaternion.rotate_left(1)));
-        assert!(arm.mode() != CommandMode::Track && arm.speed() == 0.0);
+        let (mode, reason, speed) = (arm.mode(), arm.reason(), arm.speed());
+        let rests = mode != CommandMode::Track && speed == 0.0;
+        assert!(rests, "state {state}: {mode:?}, {reason:?}, {speed} rad/s");
     }
     assert_eq!(arm.reason(), Reason::QuaternionOrder);
     arm.until("goes on", |arm| arm.mode() == CommandMode::Track);

@@ -239,12 +239,12 @@ typedef enum tprmp_reason {
 
 /* Shape of an obstacle. */
 typedef enum tprmp_obstacle_kind {
-    /* A ball: `position` is its centre, `size0` its radius [m]. */
+    /* A ball: `position` is its centre, `size[0]` its radius [m]. */
     TPRMP_OBSTACLE_KIND_SPHERE = 0,
     /* Everything below the plane through `position` whose normal is the z axis. */
     TPRMP_OBSTACLE_KIND_HALF_SPACE = 1,
-    /* All points within a radius of a stretch of the z axis: `size0` is the radius, `size1` the
-     * length of the stretch, to which the round ends are added [m]. */
+    /* All points within a radius of a stretch of the z axis: `size[0]` is the radius, `size[1]`
+     * the length of the stretch, to which the round ends are added [m]. */
     TPRMP_OBSTACLE_KIND_CAPSULE = 2,
     /* A box: `size` are its edges along x, y and z [m]. */
     TPRMP_OBSTACLE_KIND_BOX = 3,
