@@ -54,6 +54,8 @@ pub struct Cycle<const N: usize> {
     braking_for: Option<Reason>,
     /// Whether that lasts, or the arm has only to come to rest.
     lasts: bool,
+    /// Whether the policy was followed once: the start is behind the arm.
+    has_followed: bool,
     /// Whether states arrive whose time does not grow.
     time_stands: bool,
     frozen: FrozenPositions<N>,
@@ -103,6 +105,7 @@ impl<const N: usize> Cycle<N> {
             motion: MotionGenerator::new(limits, config),
             braking_for: None,
             lasts: false,
+            has_followed: false,
             time_stands: false,
             frozen: FrozenPositions::default(),
             detail: Detail::default(),
@@ -412,7 +415,7 @@ impl<const N: usize> Cycle<N> {
             .policy
             .evaluate(q, qd, &self.task.task(), &parameters, &mut self.workspace)
             .map_err(|_| Reason::ResolveFailed)?;
-        let order = self.inbox.order_of_start(&decision.tool).filter(|_| self.motion.is_new());
+        let order = self.inbox.order_of_start(&decision.tool).filter(|_| !self.has_followed);
         if let Some(detail) = order {
             self.note(detail);
             return Err(detail.reason);
@@ -422,6 +425,7 @@ impl<const N: usize> Cycle<N> {
             let closing_1_s = decision.proximity.closing_1_s;
             self.motion.follow(chain, state, &decision.acceleration, closing_1_s, dt)?
         };
+        self.has_followed = true;
         self.workspace.advance(&setpoint.asked, dt);
         self.shared.status.write_choice(self.workspace.choice().as_ref());
         self.outbox.set(&setpoint);
