@@ -35,7 +35,7 @@ help:
 
 build:
 	@echo '== building (release)'
-	$(CARGO) build --release --locked --workspace --bins
+	$(CARGO) build --release --locked --workspace --lib --bins
 
 venv: $(VENV)/ready
 
@@ -91,7 +91,7 @@ demo-planar: seed build
 test: export PROPTEST_RNG_SEED := $(PROPTEST_RNG_SEED)
 test: robots
 	@echo '== building programs and tests (release)'
-	$(CARGO) build --release --locked --workspace --bins --tests
+	$(CARGO) build --release --locked --workspace --lib --bins --tests
 	@echo '== Rust tests, of several processes too'
 	$(CARGO) test --release --locked --workspace
 	@echo '== Python tests'

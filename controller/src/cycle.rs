@@ -187,7 +187,7 @@ impl<const N: usize> Cycle<N> {
             self.read(now_ns);
             let read_ns = monotonic_ns();
 
-            self.take_requests(dt);
+            self.take_requests(dt, now_ns);
             self.check_gap(&wake);
             self.check_stop(stop, now_ns);
             let measured = self.measure(now_ns);
@@ -269,7 +269,7 @@ impl<const N: usize> Cycle<N> {
     }
 
     /// Takes what was asked for from outside since the last tick.
-    fn take_requests(&mut self, dt: f64) {
+    fn take_requests(&mut self, dt: f64, now_ns: u64) {
         if self.supervisor.take(&self.shared.requests) {
             self.frozen.forget();
         }
@@ -296,7 +296,7 @@ impl<const N: usize> Cycle<N> {
                 core::mem::swap(policy, &mut new.policy);
                 core::mem::swap(workspace, &mut new.workspace);
                 core::mem::swap(&mut inbox.scene, &mut new.scene);
-                inbox.update_scene();
+                inbox.update_scene(now_ns);
                 task.set_skill(policy.has_orientation(), policy.is_periodic());
                 task.interrupt();
             });

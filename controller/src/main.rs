@@ -7,13 +7,14 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use tprmp_controller::commands::conformance::Conformance;
 use tprmp_controller::commands::ctl::Ctl;
+use tprmp_controller::commands::frames::Frames;
+use tprmp_controller::commands::layout::Layout;
 use tprmp_controller::commands::run::Run;
 use tprmp_controller::commands::soak::Soak;
 use tprmp_controller::commands::{check, clean, top};
 use tprmp_controller::timing::allocation::CountingAllocator;
+use tprmp_files::errln;
 use tprmp_files::standard::exit_code;
-use tprmp_files::{errln, outln};
-use tprmp_messages::LAYOUT;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -61,6 +62,10 @@ enum Command {
         #[arg(long)]
         instance: Option<String>,
     },
+    /// Publish frames and obstacles that stand still, as a source beside the state publisher.
+    ///
+    /// Ctrl-C ends it: then they are too old, and the arm stops where it needs them.
+    Frames(Frames),
     /// Run a controller for a long time beside a publisher that is killed and started again at random.
     ///
     /// Judged are allocations, memory and schedule. The exit code is 1 when something does not hold.
@@ -69,8 +74,8 @@ enum Command {
     ///
     /// The exit code is 1 when a check fails; its remedy stands beside it.
     Conformance(Conformance),
-    /// Print the layout of the shared-memory messages as JSON, for mirrors in other languages.
-    Layout,
+    /// Print what is in shared memory, for publishers in other languages: types, sizes, names, values and bounds.
+    Layout(Layout),
 }
 
 fn main() -> ExitCode {
@@ -81,10 +86,11 @@ fn main() -> ExitCode {
         Command::Top { instance, once } => exit(top::top(&instance, once)),
         Command::Ctl(ctl) => exit(ctl.run()),
         Command::Clean { instance } => exit(clean::clean(instance.as_deref())),
+        Command::Frames(frames) => exit(frames.run()),
         Command::Soak(soak) => exit(soak.run()),
         Command::Conformance(conformance) => exit(conformance.run()),
-        Command::Layout => {
-            print_layout();
+        Command::Layout(layout) => {
+            layout.run();
             exit_code(true)
         }
     }
@@ -98,16 +104,4 @@ fn exit(result: Result<(), impl Display>) -> ExitCode {
             exit_code(false)
         }
     }
-}
-
-fn print_layout() {
-    let fields: Vec<_> = LAYOUT
-        .iter()
-        .map(|f| {
-            serde_json::json!({
-                "message": f.message, "field": f.field, "offset": f.offset, "size": f.size,
-            })
-        })
-        .collect();
-    outln!("{}", serde_json::Value::from(fields));
 }

@@ -390,7 +390,7 @@ pub fn cycle<const N: usize>(
     shared.detail.name_joints(&config.robot.joints);
     let mut ports: ControllerPorts = instance.open_controller()?;
     if config.external.is_some() {
-        ports.listen()?;
+        ports.listen(instance)?;
     }
     Ok(Cycle::new(replacement, config, pacing, until_done, ports, shared))
 }

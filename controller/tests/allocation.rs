@@ -1,14 +1,14 @@
 //! The loop allocates nothing: counted by the global allocator over whole cycles with real ports, in
 //! whatever profile this test is built. Each skill runs beside a publisher that moves frames and
 //! obstacles and sends faulty messages, so that braking and resuming are counted too, and beside
-//! external commands of the tool now and then.
+//! external commands of the tool and another source of frames now and then.
 
 use tprmp_controller::timing::allocation::{self, CountingAllocator};
 use tprmp_controller::timing::pacing::Pacing;
 use tprmp_controller::timing::realtime::monotonic_ns;
 use tprmp_messages::{
-    Instance, Obstacle, ObstacleKind, RobotState, StatePublisherPorts, TaskFrames, ToolCommand,
-    ToolCommandPort,
+    Frame, FrameSourcePort, Instance, Obstacle, ObstacleKind, RobotState, StatePublisherPorts,
+    TaskFrames, ToolCommand, ToolCommandPort,
 };
 use tprmp_model::controller_config::{ControllerConfig, Trigger};
 
@@ -25,6 +25,7 @@ const STATES: u64 = 3000;
 struct Publisher {
     ports: StatePublisherPorts,
     commander: ToolCommandPort,
+    camera: FrameSourcePort,
     state: RobotState,
     frames: TaskFrames,
     pacing: Pacing,
@@ -43,7 +44,8 @@ impl Publisher {
         };
         let ports = instance.open_state_publisher().unwrap();
         let commander = instance.open_tool_command().unwrap();
-        Self { ports, commander, state, frames, pacing }
+        let camera = instance.open_frame_source().unwrap();
+        Self { ports, commander, camera, state, frames, pacing }
     }
 
     /// Publishes the next state and frames, now and then faulty ones, and at times a command for the
@@ -78,6 +80,16 @@ impl Publisher {
                 angular_velocity: [0.0, 0.0, 0.3],
             };
             assert!(self.commander.command.publish(command));
+        }
+        if step.is_multiple_of(7) {
+            let mut seen = TaskFrames::of_source("camera").unwrap();
+            (seen.time_ns, seen.frame_count, seen.obstacle_count) = (time_ns, 1, 1);
+            // Twice, now and then: the other source publishes it, too.
+            let name = if step.is_multiple_of(350) { "end" } else { "mark" };
+            seen.frames[0] = Frame::at(name, [0.1 * t.sin(), 0.0, 1.0]).unwrap();
+            seen.obstacles[0] = frames.obstacles[0];
+            seen.obstacles[0].position = [5.0, 5.0, 5.0];
+            assert!(self.camera.frames.publish(seen));
         }
         assert!(self.ports.frames.publish(frames) && self.ports.state.publish(state));
     }

@@ -13,7 +13,8 @@ use tprmp_controller::motion::limits::JointLimits;
 use tprmp_controller::policy::{RobotPolicy, Task, TaskParameters};
 use tprmp_controller::startup;
 use tprmp_messages::{
-    Frame, Obstacle, ObstacleKind, Reason, RobotState, TaskFrames, ToolCommand, name_bytes,
+    Frame, Obstacle, ObstacleKind, PublishedFrames, Reason, RobotState, TaskFrames, ToolCommand,
+    name_bytes,
 };
 use tprmp_model::controller_config::{self, ControllerConfig};
 use tprmp_robot::{Chain, Kinematics, forward_kinematics_with_velocity};
@@ -218,7 +219,8 @@ proptest! {
             };
             frames.frames[..2].copy_from_slice(&[first, second]);
             frames.obstacles[..obstacles.len()].copy_from_slice(&obstacles);
-            let updated = scene.update(&frames, &loaded.config.frame_observer);
+            let published = PublishedFrames::of(&[&frames], time_ns, u64::MAX);
+            let updated = scene.update(&published, &loaded.config.frame_observer);
             let measured = state.check(N).map(|[position, velocity]| JointState {
                 position: Joints::from_column_slice(position),
                 velocity: Joints::from_column_slice(velocity),

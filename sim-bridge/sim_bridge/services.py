@@ -16,7 +16,9 @@ import iceoryx2
 
 from sim_bridge.errors import BridgeError
 from sim_bridge.instance_files import Files, check_memory
-from sim_bridge.messages import (
+from sim_bridge.wire import (
+    FRAME_SOURCES_MAX,
+    SERVICES,
     ControllerStatus,
     JointCommand,
     RobotState,
@@ -26,12 +28,6 @@ from sim_bridge.messages import (
 
 if TYPE_CHECKING:
     from typing_extensions import Self
-
-OBSERVER_BUFFER = 256
-"""Newest messages that are kept for an observer, which wants each of them."""
-
-OBSERVED = ("robot_state", "controller_status")
-"""Services that keep messages for observers."""
 
 _NAME = re.compile(r"[A-Za-z0-9-]{1,32}")
 _PORT_ERRORS = (
@@ -81,39 +77,32 @@ class Instance:
         self, node: iceoryx2.Node, topic: str, message: type[ctypes.Structure]
     ) -> iceoryx2.PortFactoryPublishSubscribe:
         """Opens or creates a service; raises `BridgeError` when the other side differs."""
+        bounds = self.bounds(topic)
         with self._explained(topic, message):
             service = (
                 node.service_builder(iceoryx2.ServiceName.new(self._name(topic)))
                 .publish_subscribe(message)
-                .max_publishers(1)
-                .max_subscribers(8)
-                .max_nodes(16)
-                .history_size(1)
-                .subscriber_max_buffer_size(OBSERVER_BUFFER if topic in OBSERVED else 1)
-                .enable_safe_overflow(True)
+                .max_publishers(bounds["max_publishers"])
+                .max_subscribers(bounds["max_subscribers"])
+                .max_nodes(bounds["max_nodes"])
+                .history_size(bounds["history_size"])
+                .subscriber_max_buffer_size(bounds["subscriber_max_buffer_size"])
+                .enable_safe_overflow(bounds["has_safe_overflow"])
                 .open_or_create()
             )
         # iceoryx2 compares some of them only, and only where they are smaller.
-        found = {bound: getattr(service.static_config, bound) for bound in self.bounds(topic)}
-        if found != self.bounds(topic):
+        found = {bound: getattr(service.static_config, bound) for bound in bounds}
+        if found != bounds:
             raise BridgeError(
                 f"service `{self._name(topic)}` exists with other bounds: expected "
-                f"{_listed(self.bounds(topic))}; found {_listed(found)}: make it with the "
-                "expected ones"
+                f"{_listed(bounds)}; found {_listed(found)}: make it with the expected ones"
             )
         return service
 
     @staticmethod
     def bounds(topic: str) -> dict[str, int | bool]:
         """What the service of a topic is made with, on both sides."""
-        return {
-            "max_publishers": 1,
-            "max_subscribers": 8,
-            "max_nodes": 16,
-            "history_size": 1,
-            "subscriber_max_buffer_size": OBSERVER_BUFFER if topic in OBSERVED else 1,
-            "has_safe_overflow": True,
-        }
+        return {name: bound for name, bound in SERVICES[topic].items() if name != "name"}
 
     def publisher(
         self, node: iceoryx2.Node, topic: str, message: type[ctypes.Structure]
@@ -132,7 +121,7 @@ class Instance:
             return service.subscriber_builder().buffer_size(1).create()
 
     def _name(self, topic: str) -> str:
-        return f"{self.name}/{topic}/v1"
+        return SERVICES[topic]["name"].replace("<instance>", self.name)
 
     @contextmanager
     def _explained(self, topic: str, message: type[ctypes.Structure]) -> Iterator[None]:
@@ -150,6 +139,8 @@ class Instance:
                 )
             if "ExceedsMaxSupportedPublishers" in str(error):
                 text = f"{service} already has a publisher: another one is running on this instance"
+                if topic == "task_frames":
+                    text = f"{service} already has {FRAME_SOURCES_MAX} sources of frames: end one"
             raise BridgeError(text) from error
 
 
@@ -220,6 +211,17 @@ class StatePublisherPorts(_Ports):
         """Connects to subscribers that appeared, which hands them the last message."""
         self.frames.update_connections()
         self.state.update_connections()
+
+
+class FrameSourcePorts(_Ports):
+    """The port of a source of frames beside the state publisher, with a `source` of its own."""
+
+    def _open(self, instance: Instance, node: iceoryx2.Node) -> None:
+        self.frames = instance.publisher(node, "task_frames", TaskFrames)
+
+    def publish(self, frames: TaskFrames) -> int:
+        """Publishes frames and obstacles; returns how many read them."""
+        return self.frames.send_copy(frames)
 
 
 class ToolCommandPorts(_Ports):

@@ -46,7 +46,8 @@ def fill(leave):
 
 STANDING_STILL = """
 from sim_bridge.messages import ControllerStatus, JointCommand, RobotState, TaskFrames
-from sim_bridge.services import OBSERVER_BUFFER, BridgeError, Instance, StatePublisherPorts
+from sim_bridge.services import BridgeError, Instance, StatePublisherPorts
+from sim_bridge.wire import OBSERVER_BUFFER
 instance = Instance("{name}")
 with StatePublisherPorts(instance) as ports:
     node = instance.node()

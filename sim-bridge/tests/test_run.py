@@ -67,7 +67,7 @@ class Answering(threading.Thread):
             commands.send_copy(command)
         self.stop.wait()
         del commands, statuses, states, node
-        self.instance.remove_leftovers()
+        self.instance.files.remove_leftovers()
 
 
 class StopAfter(StopSignal):

@@ -5,13 +5,19 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 
 import pytest
 from conftest import SCENE_FILE
 
 from sim_bridge.errors import BridgeError
-from sim_bridge.messages import JointCommand, RobotState, TaskFrames
-from sim_bridge.services import Instance, StatePublisherPorts
+from sim_bridge.messages import JointCommand, RobotState, TaskFrames, name_bytes
+from sim_bridge.services import (
+    FRAME_SOURCES_MAX,
+    FrameSourcePorts,
+    Instance,
+    StatePublisherPorts,
+)
 
 
 def test_messages_travel_and_closed_ports_leave_no_files(instance_name):
@@ -41,6 +47,29 @@ def test_a_second_publisher_is_refused_and_the_first_one_lives_on(instance_name)
         with pytest.raises(BridgeError, match="already has a publisher"):
             StatePublisherPorts(instance)
         ports.publish(TaskFrames(), RobotState())
+
+
+def test_frames_come_from_several_sources_but_not_from_any_number(instance_name):
+    instance = Instance(instance_name)
+    with StatePublisherPorts(instance) as robot, ExitStack() as stack:
+        node = instance.node()
+        reader = instance.subscriber(node, "task_frames", TaskFrames)
+        sources = [
+            stack.enter_context(FrameSourcePorts(instance)) for _ in range(FRAME_SOURCES_MAX - 1)
+        ]
+        with pytest.raises(BridgeError, match="already has 8 sources of frames: end one"):
+            FrameSourcePorts(instance)
+        robot.publish(TaskFrames(sequence=1), RobotState())
+        message = TaskFrames(sequence=2)
+        message.source[:] = name_bytes("camera")
+        assert sources[0].publish(message) == 1
+        received = {}
+        while (sample := reader.receive()) is not None:
+            frames = sample.payload().contents
+            received[bytes(frames.source).rstrip(b"\0")] = frames.sequence
+            sample.delete()
+        assert received == {b"": 1, b"camera": 2}
+        del reader, node
 
 
 def test_another_message_is_refused(instance_name):

@@ -9,7 +9,7 @@ use tprmp_learner::skill::Skill;
 use tprmp_messages::{
     Frame, NAME_CAPACITY, Obstacle, Reason, RobotState, TaskFrames, ToolCommand, name_str,
 };
-use tprmp_model::{controller_config, skill_model};
+use tprmp_model::{controller_config, fixed_frames, skill_model};
 use tprmp_robot::{Chain, ControlPoints, count_joints};
 
 /// A reader, and where good files for it are.
@@ -27,7 +27,7 @@ pub(crate) struct Target {
 }
 
 /// All of them.
-pub(crate) const TARGETS: [Target; 10] = [
+pub(crate) const TARGETS: [Target; 11] = [
     Target { name: "urdf", run: urdf, seeds: "config/robots", extension: "urdf" },
     Target { name: "model", run: model, seeds: "learner/tests/golden", extension: "ron" },
     Target {
@@ -36,6 +36,7 @@ pub(crate) const TARGETS: [Target; 10] = [
         seeds: "config/controllers",
         extension: "ron",
     },
+    Target { name: "frames", run: frames, seeds: "config/frames", extension: "ron" },
     Target { name: "skill", run: skill, seeds: "config/skills", extension: "ron" },
     Target {
         name: "demonstration",
@@ -116,6 +117,13 @@ fn model(data: &[u8]) {
 fn configuration(data: &[u8]) {
     let path = file(data, "ron");
     if let Err(error) = controller_config::read(&path) {
+        refused(&path, &error);
+    }
+}
+
+fn frames(data: &[u8]) {
+    let path = file(data, "ron");
+    if let Err(error) = fixed_frames::read(&path) {
         refused(&path, &error);
     }
 }

@@ -15,9 +15,9 @@ use tprmp_controller::control::supervisor::{Kind, can_latch, kind};
 use tprmp_controller::startup;
 use tprmp_controller::timing::pacing::Pacing;
 use tprmp_messages::{
-    CommandMode, ControllerStatus, Frame, GripperCommand, GripperState, Instance, JointCommand,
-    LifeCycle, Obstacle, ObstacleKind, Reason, RobotMode, RobotState, StatePublisherPorts,
-    TaskFrames, joint_names_hash,
+    CommandMode, ControllerStatus, Frame, FrameSourcePort, GripperCommand, GripperState, Instance,
+    JointCommand, LifeCycle, Obstacle, ObstacleKind, Reason, RobotMode, RobotState,
+    StatePublisherPorts, TaskFrames, joint_names_hash,
 };
 use tprmp_model::controller_config;
 use tprmp_robot::{Chain, Kinematics, forward_kinematics};
@@ -44,6 +44,7 @@ enum Phase {
 const PHASES: [Phase; 5] =
     [Phase::Waiting, Phase::Running, Phase::NearGoal, Phase::Lifting, Phase::Holding];
 
+/// Frames that name a source are published by another one, beside the good ones.
 type Apply = fn(&mut RobotState, &mut TaskFrames);
 
 struct Fault {
@@ -133,6 +134,7 @@ const FAULTS: &[Fault] = &[
             ..Default::default()
         };
     }),
+    fault("the goal's frame by a second source", Reason::FrameTwice, |_, f| f.source[0] = b'2'),
     fault("frames that are half a second old", Reason::FramesStale, |_, f| {
         f.time_ns -= 500_000_000;
     }),
@@ -145,6 +147,7 @@ const STUCK_NS: u64 = 1_000_000_000_000;
 /// An arm that does exactly what it is commanded, in lockstep beside a controller in a thread.
 struct Arm {
     ports: StatePublisherPorts,
+    second: FrameSourcePort,
     state: RobotState,
     frames: TaskFrames,
     command: JointCommand,
@@ -176,6 +179,7 @@ impl Arm {
         };
         state.position[..6].copy_from_slice(&HOME);
         let ports = instance.open_state_publisher().unwrap();
+        let second = instance.open_frame_source().unwrap();
         let shared = Shared::new(Arc::new(AtomicBool::new(false)));
         let (of_loop, model) = (shared.clone(), model.to_owned());
         let controller = std::thread::spawn(move || {
@@ -188,7 +192,18 @@ impl Arm {
         });
         let (command, status) = Default::default();
         let time_ns = 1_000_000_000;
-        Self { ports, state, frames, command, status, shared, controller, time_ns, gripped: 0 }
+        Self {
+            ports,
+            second,
+            state,
+            frames,
+            command,
+            status,
+            shared,
+            controller,
+            time_ns,
+            gripped: 0,
+        }
     }
 
     /// One step: moves as commanded, publishes, and waits for the answer.
@@ -211,6 +226,10 @@ impl Arm {
         let (mut state, mut frames) = (self.state, self.frames);
         if let Some(spoil) = spoil {
             spoil(&mut state, &mut frames);
+        }
+        if frames.source != self.frames.source {
+            assert!(self.second.frames.publish(frames));
+            frames = self.frames;
         }
         let last = self.command.sequence;
         assert!(self.ports.frames.publish(frames) && self.ports.state.publish(state));
@@ -437,9 +456,11 @@ fn a_start_frame_in_another_order_is_found_before_any_motion() {
     let place = Place::new("order");
     let model = place.train("pick");
     let mut arm = Arm::start(&place, &model, "quaternion");
-    for _ in 0..100 {
+    for state in 0..100 {
         arm.step(Some(|_, frames| frames.frames[0].quaternion.rotate_left(1)));
-        assert!(arm.mode() != CommandMode::Track && arm.speed() == 0.0);
+        let (mode, reason, speed) = (arm.mode(), arm.reason(), arm.speed());
+        let rests = mode != CommandMode::Track && speed == 0.0;
+        assert!(rests, "state {state}: {mode:?}, {reason:?}, {speed} rad/s");
     }
     assert_eq!(arm.reason(), Reason::QuaternionOrder);
     arm.until("goes on", |arm| arm.mode() == CommandMode::Track);

@@ -2,7 +2,7 @@
 
 use std::process::{Child, Output};
 
-use tprmp_messages::{JointCommand, LAYOUT};
+use tprmp_messages::JointCommand;
 
 use crate::common::{Place, file, finish, json, program, run, text};
 
@@ -40,7 +40,8 @@ fn beside(
 /// Whether every number of all commands is finite.
 fn finite(commands: &[u8]) -> bool {
     let numbers = ["position", "velocity", "acceleration", "torque", "gravity_torque"];
-    let fields: Vec<_> = LAYOUT
+    let fields: Vec<_> = JointCommand::LAYOUT
+        .fields
         .iter()
         .filter(|f| f.message == "JointCommand" && numbers.contains(&f.field))
         .collect();

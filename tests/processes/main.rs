@@ -19,4 +19,5 @@ mod record_noise;
 mod restarts;
 mod robot;
 mod shared_memory;
+mod sources;
 mod stop;

@@ -49,6 +49,7 @@ fn every_room_has_a_readme_of_one_screen() {
         "controller",
         "controller/files",
         "controller/messages",
+        "controller/messages/c",
         "controller/model",
         "controller/rmpflow",
         "controller/robot",

@@ -7,8 +7,23 @@ use std::path::PathBuf;
 
 use iceoryx2::service::static_config::publish_subscribe::StaticConfig;
 
+use crate::layout::MessageLayout;
+use crate::messages::{ControllerStatus, JointCommand, RobotState, TaskFrames, ToolCommand};
+
 /// The version of iceoryx2 that this program is built with.
+pub const ICEORYX2_VERSION: &str = "0.9.3";
 pub(crate) const VERSION: [u64; 3] = [0, 9, 3];
+
+/// Most sources of frames of an instance, the state publisher's among them.
+pub const FRAME_SOURCES_MAX: usize = 8;
+
+/// Newest states that are kept for the controller, which judges each of them: as many as a publisher three
+/// times as fast as the loop sends in five ticks.
+pub const STATE_BUFFER: usize = 16;
+
+/// Newest states and statuses that are kept for an observer, which wants each of them; the robot
+/// gets the newest command only.
+pub const OBSERVER_BUFFER: usize = 256;
 
 /// Most readers that a service can have.
 pub(crate) const SUBSCRIBERS_MAX: usize = 8;
@@ -31,9 +46,9 @@ pub struct ServiceBounds {
 }
 
 impl ServiceBounds {
-    /// Those of all services, with this buffer.
-    pub(crate) fn with_buffer(buffer: usize) -> Self {
-        let (publishers, subscribers) = (1, SUBSCRIBERS_MAX);
+    /// Those of a service with so many publishers and this buffer.
+    const fn new(publishers: usize, buffer: usize) -> Self {
+        let subscribers = SUBSCRIBERS_MAX;
         Self { publishers, subscribers, nodes: 16, history: 1, buffer, overflow: true }
     }
 
@@ -59,6 +74,76 @@ impl fmt::Display for ServiceBounds {
              {history}, subscriber_max_buffer_size {buffer}, enable_safe_overflow {overflow}"
         )
     }
+}
+
+/// A publish-subscribe service of an instance.
+#[derive(Debug, Clone, Copy)]
+pub struct ServiceLayout {
+    /// Its name is `<instance>/<topic>/v1`.
+    pub topic: &'static str,
+    /// What it carries.
+    pub message: &'static MessageLayout,
+    /// Who publishes.
+    pub from: &'static str,
+    /// Who reads.
+    pub to: &'static str,
+    /// What it is made with.
+    pub bounds: ServiceBounds,
+}
+
+const fn service(
+    topic: &'static str,
+    message: &'static MessageLayout,
+    [from, to]: [&'static str; 2],
+    bounds: ServiceBounds,
+) -> ServiceLayout {
+    ServiceLayout { topic, message, from, to, bounds }
+}
+
+pub(crate) const ROBOT_STATE: &str = "robot_state";
+pub(crate) const TASK_FRAMES: &str = "task_frames";
+pub(crate) const JOINT_COMMAND: &str = "joint_command";
+pub(crate) const CONTROLLER_STATUS: &str = "controller_status";
+pub(crate) const TOOL_COMMAND: &str = "tool_command";
+
+/// Every publish-subscribe service of an instance.
+pub const SERVICES: &[ServiceLayout] = &[
+    service(
+        ROBOT_STATE,
+        &RobotState::LAYOUT,
+        ["the state publisher", "the controller"],
+        ServiceBounds::new(1, OBSERVER_BUFFER),
+    ),
+    service(
+        TASK_FRAMES,
+        &TaskFrames::LAYOUT,
+        ["the state publisher and other sources of frames", "the controller"],
+        ServiceBounds::new(FRAME_SOURCES_MAX, 1),
+    ),
+    service(
+        JOINT_COMMAND,
+        &JointCommand::LAYOUT,
+        ["the controller", "the robot"],
+        ServiceBounds::new(1, 1),
+    ),
+    service(
+        CONTROLLER_STATUS,
+        &ControllerStatus::LAYOUT,
+        ["the controller", "anyone"],
+        ServiceBounds::new(1, OBSERVER_BUFFER),
+    ),
+    service(
+        TOOL_COMMAND,
+        &ToolCommand::LAYOUT,
+        ["whoever commands the tool", "the controller"],
+        ServiceBounds::new(1, 1),
+    ),
+];
+
+/// The bounds of the service of a topic.
+pub(crate) fn bounds(topic: &str) -> ServiceBounds {
+    let service = SERVICES.iter().find(|service| service.topic == topic);
+    service.map(|service| service.bounds).expect("every topic is in the table")
 }
 
 /// Another version of iceoryx2 that has made one of these files in shared memory, where one has.

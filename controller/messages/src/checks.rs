@@ -69,6 +69,14 @@ impl RobotState {
 }
 
 impl TaskFrames {
+    /// An empty message of the source of this name.
+    ///
+    /// # Errors
+    /// When no message carries the name.
+    pub fn of_source(name: &str) -> Result<Self, NameFault> {
+        Ok(Self { source: name_bytes(name)?, ..Self::default() })
+    }
+
     /// The frames in use.
     ///
     /// # Errors

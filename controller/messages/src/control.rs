@@ -11,8 +11,9 @@ use iceoryx2::service::port_factory::request_response::PortFactory;
 use crate::bounds::SUBSCRIBERS_MAX;
 use crate::checks::unpadded;
 use crate::error::ServiceError;
-use crate::messages::wire_enum;
-use crate::services::{Instance, NodeGuard};
+use crate::layout::{message, wire_enum};
+use crate::ports::NodeGuard;
+use crate::services::Instance;
 
 /// Longest text of a request or an answer, in bytes of UTF-8; shorter ones are padded with zeros.
 pub const TEXT_CAPACITY: usize = 1000;
@@ -21,7 +22,6 @@ wire_enum! {
     /// What somebody asks of a controller.
     ControlVerb {
         /// Nothing: the answer tells how it is.
-        #[default]
         Status = 0,
         /// Go on, from waiting for a start or from a hold.
         Start = 1,
@@ -38,36 +38,34 @@ wire_enum! {
     }
 }
 
-/// A request.
-#[derive(Debug, Clone, Copy, ZeroCopySend)]
-#[type_name("ControlRequestV1")]
-#[repr(C)]
-pub struct ControlRequest {
-    /// A [`ControlVerb`].
-    pub verb: u32,
-    /// Explicit padding, zero.
-    pub padding: u32,
-    /// For [`ControlVerb::Set`], in the unit of the setting.
-    pub value: f64,
-    /// The path of a model, or the name of a setting.
-    pub text: [u8; TEXT_CAPACITY],
+message! {
+    /// A request.
+    struct ControlRequest = "ControlRequestV1" {
+        /// A [`ControlVerb`].
+        verb: u32,
+        /// Explicit padding, zero.
+        padding: u32,
+        /// For [`ControlVerb::Set`], in the unit of the setting.
+        value: f64,
+        /// The path of a model, or the name of a setting.
+        text: [u8; TEXT_CAPACITY],
+    }
 }
 
-/// An answer.
-#[derive(Debug, Clone, Copy, ZeroCopySend)]
-#[type_name("ControlAnswerV1")]
-#[repr(C)]
-pub struct ControlAnswer {
-    /// 1 when the request was taken, 0 when it was refused.
-    pub accepted: u32,
-    /// A [`crate::LifeCycle`].
-    pub life_cycle: u32,
-    /// A [`crate::Reason`].
-    pub reason: u32,
-    /// Explicit padding, zero.
-    pub padding: u32,
-    /// For people: what was done, or why it was not.
-    pub text: [u8; TEXT_CAPACITY],
+message! {
+    /// An answer.
+    struct ControlAnswer = "ControlAnswerV1" {
+        /// 1 when the request was taken, 0 when it was refused.
+        accepted: u32,
+        /// A [`crate::LifeCycle`].
+        life_cycle: u32,
+        /// A [`crate::Reason`].
+        reason: u32,
+        /// Explicit padding, zero.
+        padding: u32,
+        /// For people: what was done, or why it was not.
+        text: [u8; TEXT_CAPACITY],
+    }
 }
 
 impl ControlRequest {

@@ -9,7 +9,8 @@ use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenOrCreateError;
 use thiserror::Error;
 
-use crate::bounds::{SUBSCRIBERS_MAX, ServiceBounds};
+use crate::bounds::{FRAME_SOURCES_MAX, SUBSCRIBERS_MAX, ServiceBounds};
+use crate::messages::JOINT_CAPACITY;
 use crate::shared_memory::SharedMemoryFault;
 
 /// Why the services of an instance could not be opened.
@@ -80,6 +81,11 @@ pub enum ServiceError {
     /// A second publisher of the same service.
     #[error("service `{0}` already has a publisher: another one is running on this instance")]
     SecondPublisher(String),
+    /// Every place of a source of frames is in use.
+    #[error(
+        "service `{0}` already has {FRAME_SOURCES_MAX} sources of frames, as many as it can have: end one"
+    )]
+    TooManySources(String),
     /// The other side was built with another layout of the message.
     #[error(
         "service `{service}`: expected this program's {message} of {size} bytes, found {found}: both sides \
@@ -119,6 +125,12 @@ pub enum ServiceError {
         /// The version of the other side.
         found: String,
     },
+    /// A robot of no joints, or of more than a message carries.
+    #[error("a robot of {0} joints: expected 1 to {JOINT_CAPACITY}")]
+    JointCount(usize),
+    /// A message was not sent.
+    #[error("shared memory refuses a message: `controller clean`, then open the instance again")]
+    NotSent,
     /// Every place of a reader is taken.
     #[error("service `{0}` already has {SUBSCRIBERS_MAX} readers, as many as it can have: end one")]
     TooManySubscribers(String),

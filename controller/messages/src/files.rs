@@ -23,6 +23,11 @@ const CLEAN_TIMEOUT: Duration = Duration::from_secs(2);
 /// Permissions of a file until iceoryx2 has initialised it.
 const UNFINISHED_MODE: u32 = 0o200;
 
+/// What the names of an instance's files in `/dev/shm` begin with: the prefix of iceoryx2's configuration.
+pub const PREFIX: &str = "tprmp_<user id>_<instance>_";
+/// The folder of an instance: the root path of iceoryx2's configuration.
+pub const ROOT: &str = "/tmp/tprmp-<user id>/<instance>/";
+
 /// The folder of a user's instances: `/tmp/tprmp-<user id>`.
 pub(crate) fn user_folder(user: u32) -> PathBuf {
     format!("/tmp/tprmp-{user}").into()

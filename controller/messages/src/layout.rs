@@ -1,12 +1,23 @@
-//! Size and offset of every field, asserted at compile time against the implicit rules of
-//! `repr(C)` (no hidden padding) and given as a table, against which the Python mirror is tested.
+//! Messages and enums as tables: types, sizes, offsets, values and what they mean. The macros that define them
+//! write the tables too, so that `controller layout` cannot tell anything else than what is on the wire, and assert
+//! at compile time that `repr(C)` hides no padding.
 
-use crate::control::{ControlAnswer, ControlRequest};
-use crate::messages::{
-    ControllerStatus, Frame, JointCommand, Obstacle, RobotState, TaskFrames, ToolCommand,
-};
+/// Type of a field, or of the items of its array.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scalar {
+    /// Unsigned, 8 bits.
+    U8,
+    /// Unsigned, 32 bits.
+    U32,
+    /// Unsigned, 64 bits.
+    U64,
+    /// IEEE 754, 64 bits.
+    F64,
+    /// Another message.
+    Message(&'static str),
+}
 
-/// Where a field lies.
+/// A field of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FieldLayout {
     /// Name of the message's type.
@@ -17,68 +28,170 @@ pub struct FieldLayout {
     pub offset: usize,
     /// Size of the field \[bytes\].
     pub size: usize,
+    /// Its type, or that of its items.
+    pub scalar: Scalar,
+    /// How many items it has; `None` where it is no array.
+    pub count: Option<usize>,
+    /// What it means, line by line, as documentation has it.
+    pub doc: &'static [&'static str],
 }
 
-const fn size_of_field<T, F>(_: fn(&T) -> &F) -> usize {
-    size_of::<F>()
+/// A message.
+#[derive(Debug, Clone, Copy)]
+pub struct MessageLayout {
+    /// Name of its type in this crate.
+    pub name: &'static str,
+    /// Name of its type on the wire, with its version.
+    pub type_name: &'static str,
+    /// Its size \[bytes\].
+    pub size: usize,
+    /// What it means, line by line.
+    pub doc: &'static [&'static str],
+    /// Its fields, in order; they fill it completely.
+    pub fields: &'static [FieldLayout],
 }
 
-macro_rules! layout {
-    ($($message:ident { $($field:ident),+ $(,)? })+) => {
-        /// Every field of every message, in order; the fields of a message fill it completely.
-        pub const LAYOUT: &[FieldLayout] = &[$($(FieldLayout {
-            message: stringify!($message),
-            field: stringify!($field),
-            offset: core::mem::offset_of!($message, $field),
-            size: size_of_field::<$message, _>(|m| &m.$field),
-        }),+),+];
-        $(const _: () = {
+/// A value of an enum.
+#[derive(Debug, Clone, Copy)]
+pub struct ValueLayout {
+    /// Its name.
+    pub name: &'static str,
+    /// Its number on the wire.
+    pub value: u32,
+    /// What it means, line by line.
+    pub doc: &'static [&'static str],
+}
+
+/// An enum.
+#[derive(Debug, Clone, Copy)]
+pub struct EnumLayout {
+    /// Its name.
+    pub name: &'static str,
+    /// What it means, line by line.
+    pub doc: &'static [&'static str],
+    /// Its values, in order of their numbers.
+    pub values: &'static [ValueLayout],
+}
+
+/// What a field may be of.
+pub(crate) trait Wire {
+    const SCALAR: Scalar;
+    const COUNT: Option<usize> = None;
+}
+
+impl Wire for u8 {
+    const SCALAR: Scalar = Scalar::U8;
+}
+
+impl Wire for u32 {
+    const SCALAR: Scalar = Scalar::U32;
+}
+
+impl Wire for u64 {
+    const SCALAR: Scalar = Scalar::U64;
+}
+
+impl Wire for f64 {
+    const SCALAR: Scalar = Scalar::F64;
+}
+
+impl<T: Wire, const N: usize> Wire for [T; N] {
+    const SCALAR: Scalar = T::SCALAR;
+    const COUNT: Option<usize> = Some(N);
+}
+
+/// Defines a message with its name on the wire.
+macro_rules! message {
+    (
+        $(#[doc = $doc:literal])*
+        $(derive($($derived:ident),+))? struct $name:ident = $type_name:literal {
+            $($(#[doc = $field_doc:literal])* $field:ident: $type:ty,)+
+        }
+    ) => {
+        $(#[doc = $doc])*
+        #[derive(Debug, Clone, Copy, ZeroCopySend $($(, $derived)+)?)]
+        #[type_name($type_name)]
+        #[repr(C)]
+        pub struct $name { $($(#[doc = $field_doc])* pub $field: $type,)+ }
+
+        impl $crate::layout::Wire for $name {
+            const SCALAR: $crate::layout::Scalar =
+                $crate::layout::Scalar::Message(stringify!($name));
+        }
+
+        impl $name {
+            /// What it looks like on the wire.
+            pub const LAYOUT: $crate::layout::MessageLayout = $crate::layout::MessageLayout {
+                name: stringify!($name),
+                type_name: $type_name,
+                size: size_of::<Self>(),
+                doc: &[$($doc),*],
+                fields: &[$($crate::layout::FieldLayout {
+                    message: stringify!($name),
+                    field: stringify!($field),
+                    offset: core::mem::offset_of!($name, $field),
+                    size: size_of::<$type>(),
+                    scalar: <$type as $crate::layout::Wire>::SCALAR,
+                    count: <$type as $crate::layout::Wire>::COUNT,
+                    doc: &[$($field_doc),*],
+                }),+],
+            };
+        }
+
+        const _: () = {
             let mut end = 0;
             $(
-                assert!(core::mem::offset_of!($message, $field) == end, "hidden padding");
-                end += size_of_field::<$message, _>(|m| &m.$field);
+                assert!(core::mem::offset_of!($name, $field) == end, "hidden padding");
+                end += size_of::<$type>();
             )+
-            assert!(size_of::<$message>() == end, "a field is missing, or hidden padding");
-            assert!(align_of::<$message>() <= 8);
-        };)+
+            assert!(size_of::<$name>() == end, "hidden padding at the end");
+            assert!(align_of::<$name>() <= 8);
+        };
     };
 }
 
-layout! {
-    RobotState {
-        sequence, time_ns, joint_count, gripper_state, robot_mode, safety_stop, joint_names_hash,
-        position, velocity, torque
-    }
-    TaskFrames { sequence, time_ns, frame_count, obstacle_count, frames, obstacles }
-    Frame { name, valid, padding, position, quaternion, linear_velocity, angular_velocity }
-    Obstacle { kind, valid, position, quaternion, linear_velocity, angular_velocity, size }
-    JointCommand {
-        sequence, state_sequence, time_ns, expiry_ns, mode, gripper_command, joint_count, reason,
-        position, velocity, acceleration, torque, gravity_torque
-    }
-    ControlRequest { verb, padding, value, text }
-    ControlAnswer { accepted, life_cycle, reason, padding, text }
-    ToolCommand { sequence, time_ns, linear_velocity, angular_velocity }
-    ControllerStatus {
-        sequence, time_ns, life_cycle, reason, ticks, deadline_misses, skipped_periods, states_lost,
-        allocations, connections, period_ns, wake_up_ns, state_age_ns, receiving_ns, evaluation_ns,
-        publishing_ns, goal_distance_m, goal_angle_rad, energy_j
-    }
+/// Defines an enum of numbers on the wire; the first one is the default.
+macro_rules! wire_enum {
+    (
+        $(#[doc = $doc:literal])*
+        $name:ident {
+            $($(#[doc = $value_doc:literal])+ $variant:ident = $value:literal),+ $(,)?
+        }
+    ) => {
+        $(#[doc = $doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        #[repr(u32)]
+        pub enum $name { $($(#[doc = $value_doc])+ $variant = $value),+ }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self::ALL[0]
+            }
+        }
+
+        impl $name {
+            /// Every variant, in order of its number.
+            pub const ALL: &[Self] = &[$(Self::$variant),+];
+            /// What it looks like on the wire.
+            pub const LAYOUT: $crate::layout::EnumLayout = $crate::layout::EnumLayout {
+                name: stringify!($name),
+                doc: &[$($doc),*],
+                values: &[$($crate::layout::ValueLayout {
+                    name: stringify!($variant),
+                    value: $value,
+                    doc: &[$($value_doc),+],
+                }),+],
+            };
+            /// The variant of this number, `None` when there is none.
+            #[must_use]
+            pub const fn from_wire(value: u32) -> Option<Self> {
+                match value { $($value => Some(Self::$variant),)+ _ => None }
+            }
+            /// The number on the wire.
+            #[must_use]
+            pub const fn to_wire(self) -> u32 { self as u32 }
+        }
+    };
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sizes_are_those_other_languages_were_told() {
-        assert_eq!(size_of::<RobotState>(), 232);
-        assert_eq!(size_of::<Frame>(), 136);
-        assert_eq!(size_of::<Obstacle>(), 136);
-        assert_eq!(size_of::<TaskFrames>(), 32 - 8 + 8 * 136 + 32 * 136);
-        assert_eq!(size_of::<JointCommand>(), 368);
-        assert_eq!(size_of::<ToolCommand>(), 64);
-        assert_eq!(size_of::<ControllerStatus>(), 144);
-        assert_eq!(LAYOUT.iter().filter(|f| f.message == "RobotState").count(), 10);
-    }
-}
+pub(crate) use {message, wire_enum};

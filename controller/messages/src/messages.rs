@@ -2,6 +2,8 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
+use crate::layout::{message, wire_enum};
+
 /// Most joints a message carries.
 pub const JOINT_CAPACITY: usize = 8;
 /// Most task frames a message carries.
@@ -11,227 +13,200 @@ pub const OBSTACLE_CAPACITY: usize = 32;
 /// Longest name of a frame, in bytes of UTF-8; shorter names are padded with zeros.
 pub const NAME_CAPACITY: usize = 24;
 
-/// The state of the robot, from a state publisher to the controller.
-#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("RobotStateV3")]
-#[repr(C)]
-pub struct RobotState {
-    /// Counts up by one from message to message: what is missing is counted as lost.
-    pub sequence: u64,
-    /// When the state was measured \[ns\].
-    pub time_ns: u64,
-    /// Number of joints in use, the first ones of each array.
-    pub joint_count: u32,
-    /// What the gripper senses: a [`GripperState`].
-    pub gripper_state: u32,
-    /// What the robot itself is doing: a [`RobotMode`].
-    pub robot_mode: u32,
-    /// 0 while the robot's safety system permits motion, 1 while it does not.
-    pub safety_stop: u32,
-    /// [`joint_names_hash`](crate::joint_names_hash) of the joints' names, in the order of the arrays; 0 where
-    /// the publisher does not say.
-    pub joint_names_hash: u64,
-    /// Joint positions \[rad or m\].
-    pub position: [f64; JOINT_CAPACITY],
-    /// Joint velocities \[rad/s or m/s\].
-    pub velocity: [f64; JOINT_CAPACITY],
-    /// Measured joint torques or forces, without gravity \[N m or N\]; zero where not measured.
-    pub torque: [f64; JOINT_CAPACITY],
+message! {
+    /// The state of the robot, from a state publisher to the controller.
+    derive(Default) struct RobotState = "RobotStateV3" {
+        /// Counts up by one from message to message: what is missing is counted as lost.
+        sequence: u64,
+        /// When the state was measured \[ns\].
+        time_ns: u64,
+        /// Number of joints in use, the first ones of each array.
+        joint_count: u32,
+        /// What the gripper senses: a [`GripperState`].
+        gripper_state: u32,
+        /// What the robot itself is doing: a [`RobotMode`].
+        robot_mode: u32,
+        /// 0 while the robot's safety system permits motion, 1 while it does not.
+        safety_stop: u32,
+        /// [`joint_names_hash`](crate::joint_names_hash) of the joints' names, in the order of the arrays; 0 where
+        /// the publisher does not say.
+        joint_names_hash: u64,
+        /// Joint positions \[rad or m\].
+        position: [f64; JOINT_CAPACITY],
+        /// Joint velocities \[rad/s or m/s\].
+        velocity: [f64; JOINT_CAPACITY],
+        /// Measured joint torques or forces, without gravity \[N m or N\]; zero where not measured.
+        torque: [f64; JOINT_CAPACITY],
+    }
 }
 
-/// The task parameters: frames and obstacles, from a state publisher to the controller.
-#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("TaskFramesV2")]
-#[repr(C)]
-pub struct TaskFrames {
-    /// Counts up by at least one from message to message.
-    pub sequence: u64,
-    /// When the frames were measured \[ns\], on the clock of [`RobotState::time_ns`].
-    pub time_ns: u64,
-    /// Number of frames in use, the first ones of the array.
-    pub frame_count: u32,
-    /// Number of obstacles in use, the first ones of the array.
-    pub obstacle_count: u32,
-    /// Named frames.
-    pub frames: [Frame; FRAME_CAPACITY],
-    /// Obstacles.
-    pub obstacles: [Obstacle; OBSTACLE_CAPACITY],
+message! {
+    /// The task parameters: frames and obstacles, from their sources to the controller. A state publisher may be
+    /// the only source, or one of several.
+    derive(Default) struct TaskFrames = "TaskFramesV3" {
+        /// Counts up by at least one from message to message.
+        sequence: u64,
+        /// When the frames were measured \[ns\], on the clock of [`RobotState::time_ns`].
+        time_ns: u64,
+        /// Name of the source, UTF-8, padded with zeros: each of several has one of its own. A state publisher
+        /// may leave it empty.
+        source: [u8; NAME_CAPACITY],
+        /// Number of frames in use, the first ones of the array.
+        frame_count: u32,
+        /// Number of obstacles in use, the first ones of the array.
+        obstacle_count: u32,
+        /// Named frames.
+        frames: [Frame; FRAME_CAPACITY],
+        /// Obstacles.
+        obstacles: [Obstacle; OBSTACLE_CAPACITY],
+    }
 }
 
-/// A named task frame in the robot's base frame `B`.
-#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("FrameV1")]
-#[repr(C)]
-pub struct Frame {
-    /// UTF-8, padded with zeros.
-    pub name: [u8; NAME_CAPACITY],
-    /// 1 when the pose may be used, 0 when it is unknown.
-    pub valid: u32,
-    /// Explicit padding, zero.
-    pub padding: u32,
-    /// Origin \[m\].
-    pub position: [f64; 3],
-    /// Orientation, unit quaternion `w, x, y, z`.
-    pub quaternion: [f64; 4],
-    /// Velocity of the origin \[m/s\].
-    pub linear_velocity: [f64; 3],
-    /// Angular velocity, expressed in `B` \[rad/s\].
-    pub angular_velocity: [f64; 3],
+message! {
+    /// A named task frame in the robot's base frame `B`.
+    derive(Default) struct Frame = "FrameV1" {
+        /// UTF-8, padded with zeros.
+        name: [u8; NAME_CAPACITY],
+        /// 1 when the pose may be used, 0 when it is unknown.
+        valid: u32,
+        /// Explicit padding, zero.
+        padding: u32,
+        /// Origin \[m\].
+        position: [f64; 3],
+        /// Orientation, unit quaternion `w, x, y, z`.
+        quaternion: [f64; 4],
+        /// Velocity of the origin \[m/s\].
+        linear_velocity: [f64; 3],
+        /// Angular velocity, expressed in `B` \[rad/s\].
+        angular_velocity: [f64; 3],
+    }
 }
 
-/// A moving obstacle in the robot's base frame `B`.
-#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("ObstacleV2")]
-#[repr(C)]
-pub struct Obstacle {
-    /// What `size` means: an [`ObstacleKind`].
-    pub kind: u32,
-    /// 1 when the obstacle is there, 0 when it is not. One that is not measured any more is still
-    /// there: publish its last pose.
-    pub valid: u32,
-    /// Centre; of a half-space, a point on its surface \[m\].
-    pub position: [f64; 3],
-    /// Orientation, unit quaternion `w, x, y, z`.
-    pub quaternion: [f64; 4],
-    /// Velocity of `position` \[m/s\].
-    pub linear_velocity: [f64; 3],
-    /// Angular velocity, expressed in `B` \[rad/s\].
-    pub angular_velocity: [f64; 3],
-    /// What it is depends on the kind; the rest is unused \[m\].
-    pub size: [f64; 3],
+message! {
+    /// A moving obstacle in the robot's base frame `B`.
+    derive(Default) struct Obstacle = "ObstacleV2" {
+        /// What `size` means: an [`ObstacleKind`].
+        kind: u32,
+        /// 1 when the obstacle is there, 0 when it is not. One that is not measured any more is still
+        /// there: publish its last pose.
+        valid: u32,
+        /// Centre; of a half-space, a point on its surface \[m\].
+        position: [f64; 3],
+        /// Orientation, unit quaternion `w, x, y, z`.
+        quaternion: [f64; 4],
+        /// Velocity of `position` \[m/s\].
+        linear_velocity: [f64; 3],
+        /// Angular velocity, expressed in `B` \[rad/s\].
+        angular_velocity: [f64; 3],
+        /// What it is depends on the kind; the rest is unused \[m\].
+        size: [f64; 3],
+    }
 }
 
-/// What the controller wants the robot to do, from the controller to the robot.
-///
-/// A torque interface applies `torque + gravity_torque` (an arm that adds gravity itself only
-/// `torque`); a velocity or position interface uses `velocity` or `position`. After `expiry_ns`
-/// the command must no longer be obeyed: the robot brakes. [`CommandGuard`](crate::CommandGuard) knows
-/// when.
-#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("JointCommandV1")]
-#[repr(C)]
-pub struct JointCommand {
-    /// Counts up by one from message to message.
-    pub sequence: u64,
-    /// [`RobotState::sequence`] of the state this command answers.
-    pub state_sequence: u64,
-    /// When the command was computed \[ns\]; in lockstep, the state's time.
-    pub time_ns: u64,
-    /// When the command expires \[ns\].
-    pub expiry_ns: u64,
-    /// A [`CommandMode`].
-    pub mode: u32,
-    /// A [`GripperCommand`].
-    pub gripper_command: u32,
-    /// Number of joints in use, the first ones of each array.
-    pub joint_count: u32,
-    /// A [`Reason`]: why the controller does not follow its policy, or makes no progress with it.
-    pub reason: u32,
-    /// Desired positions, integrated \[rad or m\].
-    pub position: [f64; JOINT_CAPACITY],
-    /// Desired velocities, integrated \[rad/s or m/s\].
-    pub velocity: [f64; JOINT_CAPACITY],
-    /// Desired accelerations \[rad/s² or m/s²\].
-    pub acceleration: [f64; JOINT_CAPACITY],
-    /// Joint torques or forces without gravity \[N m or N\].
-    pub torque: [f64; JOINT_CAPACITY],
-    /// Joint torques or forces that hold the arm against gravity \[N m or N\].
-    pub gravity_torque: [f64; JOINT_CAPACITY],
+message! {
+    /// What the controller wants the robot to do, from the controller to the robot.
+    ///
+    /// A torque interface applies `torque + gravity_torque` (an arm that adds gravity itself only
+    /// `torque`); a velocity or position interface uses `velocity` or `position`. After `expiry_ns`
+    /// the command must no longer be obeyed: the robot brakes. [`CommandGuard`](crate::CommandGuard) knows
+    /// when.
+    derive(Default) struct JointCommand = "JointCommandV1" {
+        /// Counts up by one from message to message.
+        sequence: u64,
+        /// [`RobotState::sequence`] of the state this command answers.
+        state_sequence: u64,
+        /// When the command was computed \[ns\]; in lockstep, the state's time.
+        time_ns: u64,
+        /// When the command expires \[ns\].
+        expiry_ns: u64,
+        /// A [`CommandMode`].
+        mode: u32,
+        /// A [`GripperCommand`].
+        gripper_command: u32,
+        /// Number of joints in use, the first ones of each array.
+        joint_count: u32,
+        /// A [`Reason`]: why the controller does not follow its policy, or makes no progress with it.
+        reason: u32,
+        /// Desired positions, integrated \[rad or m\].
+        position: [f64; JOINT_CAPACITY],
+        /// Desired velocities, integrated \[rad/s or m/s\].
+        velocity: [f64; JOINT_CAPACITY],
+        /// Desired accelerations \[rad/s² or m/s²\].
+        acceleration: [f64; JOINT_CAPACITY],
+        /// Joint torques or forces without gravity \[N m or N\].
+        torque: [f64; JOINT_CAPACITY],
+        /// Joint torques or forces that hold the arm against gravity \[N m or N\].
+        gravity_torque: [f64; JOINT_CAPACITY],
+    }
 }
 
-/// A desired velocity of the tool: from teleoperation, hand guiding or another planner, to a controller
-/// whose configuration listens.
-///
-/// It acts beside the skill and is no state: one that is faulty, or older than the controller permits,
-/// is ignored. Zeros ask for a tool at rest; to let go, stop publishing.
-#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("ToolCommandV1")]
-#[repr(C)]
-pub struct ToolCommand {
-    /// Counts up by at least one from message to message; a publisher that begins while no other command
-    /// is fresh may begin anywhere.
-    pub sequence: u64,
-    /// When the command was given \[ns\], on the clock of [`RobotState::time_ns`].
-    pub time_ns: u64,
-    /// Velocity of the tool's origin, expressed in `B` \[m/s\].
-    pub linear_velocity: [f64; 3],
-    /// Angular velocity of the tool, expressed in `B` \[rad/s\].
-    pub angular_velocity: [f64; 3],
+message! {
+    /// A desired velocity of the tool: from teleoperation, hand guiding or another planner. It is for a
+    /// controller whose configuration listens.
+    ///
+    /// It acts beside the skill and is no state: one that is faulty, or older than the controller permits,
+    /// is ignored. Zeros ask for a tool at rest; to let go, stop publishing.
+    derive(Default) struct ToolCommand = "ToolCommandV1" {
+        /// Counts up by at least one from message to message; a publisher that begins while no other command
+        /// is fresh may begin anywhere.
+        sequence: u64,
+        /// When the command was given \[ns\], on the clock of [`RobotState::time_ns`].
+        time_ns: u64,
+        /// Velocity of the tool's origin, expressed in `B` \[m/s\].
+        linear_velocity: [f64; 3],
+        /// Angular velocity of the tool, expressed in `B` \[rad/s\].
+        angular_velocity: [f64; 3],
+    }
 }
 
-/// How the controller is doing, once a tick or every few.
-#[derive(Debug, Clone, Copy, Default, ZeroCopySend)]
-#[type_name("ControllerStatusV3")]
-#[repr(C)]
-pub struct ControllerStatus {
-    /// Counts up by one from message to message.
-    pub sequence: u64,
-    /// When the tick ended \[ns\].
-    pub time_ns: u64,
-    /// A [`LifeCycle`].
-    pub life_cycle: u32,
-    /// A [`Reason`].
-    pub reason: u32,
-    /// Ticks so far.
-    pub ticks: u64,
-    /// Ticks that ended after their deadline or came after skipped periods, so far.
-    pub deadline_misses: u64,
-    /// Periods that passed without a tick, so far.
-    pub skipped_periods: u64,
-    /// States that are missing between those that arrived, by their numbers, so far.
-    pub states_lost: u64,
-    /// Heap allocations inside the loop, so far, without those of `connections`.
-    pub allocations: u64,
-    /// How often a new peer had to be connected to inside the loop, so far.
-    pub connections: u64,
-    /// Period of the loop \[ns\].
-    pub period_ns: u64,
-    /// How late the last tick woke up \[ns\].
-    pub wake_up_ns: u64,
-    /// Age of the state the last tick used \[ns\].
-    pub state_age_ns: u64,
-    /// Time the last tick took to receive its messages \[ns\].
-    pub receiving_ns: u64,
-    /// Time the last tick took for checks, policy and limits \[ns\].
-    pub evaluation_ns: u64,
-    /// Time the last tick took to publish its command \[ns\].
-    pub publishing_ns: u64,
-    /// Distance of the tool from the goal \[m\].
-    pub goal_distance_m: f64,
-    /// Angle of the tool from the goal \[rad\].
-    pub goal_angle_rad: f64,
-    /// Lyapunov value Φ + ½ ẏᵀMẏ of the skill in canonical coordinates \[J\].
-    pub energy_j: f64,
+message! {
+    /// How the controller is doing, once a tick or every few.
+    derive(Default) struct ControllerStatus = "ControllerStatusV3" {
+        /// Counts up by one from message to message.
+        sequence: u64,
+        /// When the tick ended \[ns\].
+        time_ns: u64,
+        /// A [`LifeCycle`].
+        life_cycle: u32,
+        /// A [`Reason`].
+        reason: u32,
+        /// Ticks so far.
+        ticks: u64,
+        /// Ticks that ended after their deadline or came after skipped periods, so far.
+        deadline_misses: u64,
+        /// Periods that passed without a tick, so far.
+        skipped_periods: u64,
+        /// States that are missing between those that arrived, by their numbers, so far.
+        states_lost: u64,
+        /// Heap allocations inside the loop, so far, without those of `connections`.
+        allocations: u64,
+        /// How often a new peer had to be connected to inside the loop, so far.
+        connections: u64,
+        /// Period of the loop \[ns\].
+        period_ns: u64,
+        /// How late the last tick woke up \[ns\].
+        wake_up_ns: u64,
+        /// Age of the state the last tick used \[ns\].
+        state_age_ns: u64,
+        /// Time the last tick took to receive its messages \[ns\].
+        receiving_ns: u64,
+        /// Time the last tick took for checks, policy and limits \[ns\].
+        evaluation_ns: u64,
+        /// Time the last tick took to publish its command \[ns\].
+        publishing_ns: u64,
+        /// Distance of the tool from the goal \[m\].
+        goal_distance_m: f64,
+        /// Angle of the tool from the goal \[rad\].
+        goal_angle_rad: f64,
+        /// Lyapunov value Φ + ½ ẏᵀMẏ of the skill in canonical coordinates \[J\].
+        energy_j: f64,
+    }
 }
-
-macro_rules! wire_enum {
-    ($(#[$meta:meta])* $name:ident { $($(#[$vmeta:meta])* $variant:ident = $value:literal),+ $(,)? }) => {
-        $(#[$meta])*
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-        #[repr(u32)]
-        pub enum $name { $($(#[$vmeta])* $variant = $value),+ }
-        impl $name {
-            /// Every variant, in order of its number.
-            pub const ALL: &[Self] = &[$(Self::$variant),+];
-            /// The variant of this number, `None` when there is none.
-            #[must_use]
-            pub const fn from_wire(value: u32) -> Option<Self> {
-                match value { $($value => Some(Self::$variant),)+ _ => None }
-            }
-            /// The number on the wire.
-            #[must_use]
-            pub const fn to_wire(self) -> u32 { self as u32 }
-        }
-    };
-}
-
-pub(crate) use wire_enum;
 
 wire_enum! {
     /// What the gripper senses.
     GripperState {
         /// No gripper, or nothing sensed.
-        #[default]
         None = 0,
         /// The gripper is open or its vacuum is off.
         Open = 1,
@@ -244,7 +219,6 @@ wire_enum! {
     /// What the robot itself is doing.
     RobotMode {
         /// It obeys commands.
-        #[default]
         Running = 0,
         /// Its own protective stop: it brakes, or stands still.
         ProtectiveStop = 1,
@@ -261,7 +235,6 @@ wire_enum! {
     /// What the gripper should do.
     GripperCommand {
         /// Open, vacuum off.
-        #[default]
         Release = 0,
         /// Close, vacuum on.
         Grip = 1,
@@ -273,7 +246,6 @@ wire_enum! {
     CommandMode {
         /// No motion: brake, whatever the other fields say. Sent as a last command, and while there
         /// is no state to move from.
-        #[default]
         Stop = 0,
         /// Follow the policy.
         Track = 1,
@@ -286,7 +258,6 @@ wire_enum! {
     /// The controller's life cycle: `controller/LIFECYCLE.md` has every transition.
     LifeCycle {
         /// Waiting for a first valid state and valid frames.
-        #[default]
         Waiting = 0,
         /// Following the skill.
         Running = 1,
@@ -311,7 +282,6 @@ wire_enum! {
     /// cause has gone.
     Reason {
         /// It follows it.
-        #[default]
         None = 0,
         /// No state arrives any more: the newest is older than its limit.
         StateStale = 1,
@@ -408,8 +378,10 @@ wire_enum! {
         GripperNone = 46,
         /// It follows its policy and is at the goal, where it waits for the gripper to hold.
         GripperAwaited = 47,
+        /// Two sources publish the same frame, or have the same name.
+        FrameTwice = 48,
         /// A joint that is a little outside its position limits is moved back, slowly.
-        JointReturning = 48,
+        JointReturning = 49,
     }
 }
 
@@ -417,7 +389,6 @@ wire_enum! {
     /// Shape of an obstacle.
     ObstacleKind {
         /// A ball: `position` is its centre, `size[0]` its radius \[m\].
-        #[default]
         Sphere = 0,
         /// Everything below the plane through `position` whose normal is the z axis.
         HalfSpace = 1,

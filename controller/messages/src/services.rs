@@ -5,7 +5,6 @@ use std::path::PathBuf;
 
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::subscriber::SubscriberCreateError;
-use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError as OpenError, PublishSubscribeOpenOrCreateError,
@@ -13,26 +12,17 @@ use iceoryx2::service::builder::publish_subscribe::{
 use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
-use crate::bounds::{ServiceBounds, other_version};
+use crate::bounds::{
+    CONTROLLER_STATUS, JOINT_COMMAND, OBSERVER_BUFFER, ROBOT_STATE, STATE_BUFFER, ServiceBounds,
+    TASK_FRAMES, TOOL_COMMAND, bounds, other_version,
+};
 use crate::error::ServiceError;
 use crate::files::{Cleaned, Files, names_with_files};
-use crate::messages::{ControllerStatus, JointCommand, RobotState, TaskFrames, ToolCommand};
+use crate::ports::{
+    ControllerPorts, FrameSourcePort, FramesPort, Leftovers, NodeGuard, ObserverPorts, Publisher,
+    StatePublisherPorts, StatusPort, Subscriber, ToolCommandPort,
+};
 use crate::shared_memory::{free_shared_memory_bytes, refused_reservations};
-
-/// A sample received from shared memory, without a copy.
-pub type Sample<M> = iceoryx2::sample::Sample<ipc::Service, M, ()>;
-
-/// Newest states that are kept for the controller, which judges each of them: as many as a publisher three
-/// times as fast as the loop sends in five ticks.
-pub const STATE_BUFFER: usize = 16;
-
-/// Newest states and statuses that are kept for an observer, which wants each of them; the robot
-/// gets the newest command only.
-pub const OBSERVER_BUFFER: usize = 256;
-
-const ROBOT_STATE: &str = "robot_state";
-const CONTROLLER_STATUS: &str = "controller_status";
-const TOOL_COMMAND: &str = "tool_command";
 
 /// One running system: a robot, its publisher and its controller share an instance name.
 #[derive(Debug, Clone)]
@@ -196,7 +186,11 @@ impl Instance {
         let (name, service) = self.service::<M>(node, topic)?;
         service.publisher_builder().create().map(Publisher).map_err(|error| match error {
             PublisherCreateError::ExceedsMaxSupportedPublishers => {
-                ServiceError::SecondPublisher(name)
+                if topic == TASK_FRAMES {
+                    ServiceError::TooManySources(name)
+                } else {
+                    ServiceError::SecondPublisher(name)
+                }
             }
             other => ServiceError::Publisher(name, other),
         })
@@ -225,14 +219,13 @@ impl Instance {
     pub fn open_controller(&self) -> Result<ControllerPorts, ServiceError> {
         let ((command, status, state, frames), node) = self.open(|node| {
             Ok((
-                self.publisher(node, "joint_command")?,
+                self.publisher(node, JOINT_COMMAND)?,
                 self.publisher(node, CONTROLLER_STATUS)?,
                 self.subscriber(node, ROBOT_STATE, STATE_BUFFER)?,
-                self.subscriber(node, "task_frames", 1)?,
+                self.subscriber(node, TASK_FRAMES, 1)?,
             ))
         })?;
-        let instance = self.clone();
-        Ok(ControllerPorts { state, frames, command, status, tool_command: None, instance, node })
+        Ok(ControllerPorts { state, frames, command, status, tool_command: None, node })
     }
 
     /// Opens the side of a state publisher: a simulator, or the driver of a real robot.
@@ -243,8 +236,8 @@ impl Instance {
         let ((state, frames, command, status), _node) = self.open(|node| {
             Ok((
                 self.publisher(node, ROBOT_STATE)?,
-                self.publisher(node, "task_frames")?,
-                self.subscriber(node, "joint_command", 1)?,
+                self.publisher(node, TASK_FRAMES)?,
+                self.subscriber(node, JOINT_COMMAND, 1)?,
                 self.subscriber(node, CONTROLLER_STATUS, 1)?,
             ))
         })?;
@@ -260,10 +253,30 @@ impl Instance {
         let ((state, frames), _node) = self.open(|node| {
             Ok((
                 self.subscriber(node, ROBOT_STATE, OBSERVER_BUFFER)?,
-                self.subscriber(node, "task_frames", 1)?,
+                self.subscriber(node, TASK_FRAMES, 1)?,
             ))
         })?;
         Ok(ObserverPorts { state, frames, _node })
+    }
+
+    /// Opens the side of a source of frames and obstacles beside the state publisher's: a camera, a tracker,
+    /// a table that stands still. There may be [`FRAME_SOURCES_MAX`](crate::FRAME_SOURCES_MAX) of them, each of
+    /// which sets a [`TaskFrames::source`](crate::TaskFrames::source) of its own.
+    ///
+    /// # Errors
+    /// See [`ServiceError`]; a source too many is one.
+    pub fn open_frame_source(&self) -> Result<FrameSourcePort, ServiceError> {
+        let (frames, _node) = self.open(|node| self.publisher(node, TASK_FRAMES))?;
+        Ok(FrameSourcePort { frames, _node })
+    }
+
+    /// Opens the side of a reader of frames and obstacles.
+    ///
+    /// # Errors
+    /// See [`ServiceError`].
+    pub fn open_frames(&self) -> Result<FramesPort, ServiceError> {
+        let (frames, _node) = self.open(|node| self.subscriber(node, TASK_FRAMES, 1))?;
+        Ok(FramesPort { frames, _node })
     }
 
     /// Opens the side of an external command of the tool, beside the skill. A controller need not be there,
@@ -301,164 +314,23 @@ fn reserved<T>(create: impl FnOnce() -> Result<T, ServiceError>) -> Result<T, Se
     Err(ServiceError::SharedMemoryFilled { free })
 }
 
-/// The bounds of the service of a topic.
-fn bounds(topic: &str) -> ServiceBounds {
-    ServiceBounds::with_buffer(match topic {
-        ROBOT_STATE | CONTROLLER_STATUS => OBSERVER_BUFFER,
-        _ => 1,
-    })
-}
-
-/// Sends messages of type `M`.
-#[derive(Debug)]
-pub struct Publisher<M: Debug + ZeroCopySend + 'static>(
-    iceoryx2::port::publisher::Publisher<ipc::Service, M, ()>,
-);
-
-impl<M: Debug + ZeroCopySend + Copy + 'static> Publisher<M> {
-    /// Writes one message into shared memory and hands it to every subscriber; `false` when
-    /// iceoryx2 refused. No allocation and no system call once connections stand.
-    #[must_use]
-    pub fn publish(&self, message: M) -> bool {
-        match self.0.loan_uninit() {
-            Ok(sample) => sample.write_payload(message).send().is_ok(),
-            Err(_) => false,
-        }
-    }
-
-    /// Connects to new subscribers: costs allocations, so it is called in the slack of
-    /// a cycle. `false` when a connection failed.
-    #[must_use]
-    pub fn update_connections(&self) -> bool {
-        self.0.update_connections().is_ok()
-    }
-}
-
-/// Receives messages of type `M`: the newest, an observer's states one after the other.
-#[derive(Debug)]
-pub struct Subscriber<M: Debug + ZeroCopySend + 'static>(
-    iceoryx2::port::subscriber::Subscriber<ipc::Service, M, ()>,
-);
-
-impl<M: Debug + ZeroCopySend + 'static> Subscriber<M> {
-    /// The oldest message that is kept and was not received yet, as a view into shared memory; where
-    /// one is kept, it is the newest. An error of the connection counts as no message: liveness is judged
-    /// by the age of the last one.
-    #[must_use]
-    pub fn receive(&self) -> Option<Sample<M>> {
-        self.0.receive().ok().flatten()
-    }
-
-    /// Connects to a new publisher: costs allocations, so it is called in the slack of a
-    /// cycle. `false` when a connection failed.
-    #[must_use]
-    pub fn update_connections(&self) -> bool {
-        self.0.update_connections().is_ok()
-    }
-}
-
-/// Fields are dropped in this order: first the node goes, then what it left behind.
-#[derive(Debug)]
-pub(crate) struct NodeGuard {
-    node: Node<ipc::Service>,
-    #[expect(dead_code, reason = "dropped after the node")]
-    leftovers: Leftovers,
-}
-
-#[derive(Debug)]
-struct Leftovers(Files);
-
-impl Drop for Leftovers {
-    fn drop(&mut self) {
-        self.0.remove_leftovers();
-    }
-}
-
-/// The controller's ports. Dropped, they leave no files behind.
-#[derive(Debug)]
-pub struct ControllerPorts {
-    /// Newest robot state.
-    pub state: Subscriber<RobotState>,
-    /// Newest task frames and obstacles.
-    pub frames: Subscriber<TaskFrames>,
-    /// Joint commands.
-    pub command: Publisher<JointCommand>,
-    /// Status of the controller.
-    pub status: Publisher<ControllerStatus>,
-    /// Newest external command; `None` for a controller that does not listen.
-    pub tool_command: Option<Subscriber<ToolCommand>>,
-    instance: Instance,
-    node: NodeGuard,
-}
-
 impl ControllerPorts {
     /// Listens to external commands, now or later.
     ///
     /// # Errors
     /// See [`ServiceError`].
-    pub fn listen(&mut self) -> Result<(), ServiceError> {
-        let port = reserved(|| self.instance.subscriber(&self.node.node, TOOL_COMMAND, 1))?;
+    pub fn listen(&mut self, instance: &Instance) -> Result<(), ServiceError> {
+        let port = reserved(|| instance.subscriber(&self.node.node, TOOL_COMMAND, 1))?;
         self.tool_command = Some(port);
         Ok(())
     }
-
-    /// Connects to new peers. Costs nothing when there are none. `false` when a connection
-    /// failed.
-    #[must_use]
-    pub fn update_connections(&self) -> bool {
-        self.command.update_connections()
-            & self.status.update_connections()
-            & self.state.update_connections()
-            & self.frames.update_connections()
-            & self.tool_command.as_ref().is_none_or(Subscriber::update_connections)
-    }
-}
-
-/// The ports of a state publisher. Dropped, they leave no files behind.
-#[derive(Debug)]
-pub struct StatePublisherPorts {
-    /// Robot state.
-    pub state: Publisher<RobotState>,
-    /// Task frames and obstacles.
-    pub frames: Publisher<TaskFrames>,
-    /// Newest joint command.
-    pub command: Subscriber<JointCommand>,
-    /// Newest status of the controller.
-    pub status: Subscriber<ControllerStatus>,
-    _node: NodeGuard,
-}
-
-/// The ports of an observer. Dropped, they leave no files behind.
-#[derive(Debug)]
-pub struct ObserverPorts {
-    /// Robot states, each of them while no more than [`OBSERVER_BUFFER`] wait.
-    pub state: Subscriber<RobotState>,
-    /// Newest task frames and obstacles.
-    pub frames: Subscriber<TaskFrames>,
-    _node: NodeGuard,
-}
-
-/// The port of an external command. Dropped, it leaves no files behind.
-#[derive(Debug)]
-pub struct ToolCommandPort {
-    /// Desired velocities.
-    pub command: Publisher<ToolCommand>,
-    _node: NodeGuard,
-}
-
-/// The port of a reader of the controller's status. Dropped, it leaves no files
-/// behind.
-#[derive(Debug)]
-pub struct StatusPort {
-    /// Statuses, each of them while no more than [`OBSERVER_BUFFER`] wait.
-    pub status: Subscriber<ControllerStatus>,
-    _node: NodeGuard,
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::bounds::SUBSCRIBERS_MAX;
+    use crate::messages::{ControllerStatus, JointCommand, RobotState, TaskFrames, ToolCommand};
 
     fn instance(test: &str) -> Instance {
         Instance::new(&format!("{test}-{}", std::process::id())).unwrap()
@@ -567,7 +439,7 @@ mod tests {
             assert!(commander.command.publish(ToolCommand { sequence, ..Default::default() }));
         };
         send(1);
-        controller.listen().unwrap();
+        controller.listen(&instance).unwrap();
         send(2);
         let listener = controller.tool_command.as_ref().unwrap();
         assert_eq!(listener.receive().unwrap().sequence, 2);

@@ -4,6 +4,7 @@
 //! |---|---|---|
 //! | a learned skill, `*.model.ron` | [`SkillModel`] | [`skill_model::read`] |
 //! | a controller's configuration | [`ControllerConfig`] | [`controller_config::read`] |
+//! | frames that stand still | [`fixed_frames::FixedFrames`] | [`fixed_frames::read`] |
 //!
 //! A value that came from a file is valid: every reader checks schema, checksum, dimensions, ranges,
 //! finiteness and definiteness, and names the file and the key it refuses. Models of the last version
@@ -26,6 +27,7 @@
 //! ```
 
 pub mod controller_config;
+pub mod fixed_frames;
 mod renamed;
 mod ron_text;
 pub mod skill_model;

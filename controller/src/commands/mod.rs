@@ -4,6 +4,8 @@ pub mod check;
 pub mod clean;
 pub mod conformance;
 pub mod ctl;
+pub mod frames;
+pub mod layout;
 pub mod monitor;
 pub mod overrides;
 pub mod run;

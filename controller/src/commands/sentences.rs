@@ -79,13 +79,19 @@ const SENTENCES: &[(Reason, &str)] = &[
         "states arrive that wait for no command, and this controller runs in lockstep: start both sides \
          with --lockstep, or both without",
     ),
-    (Reason::FrameCount, "more frames are published than a message carries"),
+    (
+        Reason::FrameCount,
+        "more frames are published than a message carries, or by more sources than there may be",
+    ),
     (Reason::FrameFar, "a frame is farther from the base than any arm reaches"),
     (
         Reason::QuaternionOrder,
         "the start frame is where the tool is, with its quaternion in another order",
     ),
-    (Reason::ObstacleCount, "more obstacles are published than a message carries"),
+    (
+        Reason::ObstacleCount,
+        "more obstacles are published than a message carries, by one source or by all together",
+    ),
     (Reason::ObstacleSize, "a size of an obstacle is zero or negative"),
     (Reason::ObstacleQuaternion, "an obstacle's quaternion is not of unit length"),
     (
@@ -94,6 +100,7 @@ const SENTENCES: &[(Reason, &str)] = &[
          holding",
     ),
     (Reason::GripperAwaited, "at the goal, waiting for the gripper to hold"),
+    (Reason::FrameTwice, "two sources publish the same frame, or have the same name"),
 ];
 
 /// The sentence of a reason; `None` where the policy is followed and makes progress.

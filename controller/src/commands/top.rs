@@ -10,10 +10,12 @@ use console::Term;
 use hdrhistogram::Histogram;
 use thiserror::Error;
 use tprmp_messages::{
-    ControllerStatus, Instance, LifeCycle, Reason, ServiceError, StatusPort, stop_flag,
+    ControllerStatus, FrameSources, FramesPort, Instance, LifeCycle, PublishedFrames, Reason,
+    ServiceError, StatusPort, TaskFrames, name_str, source_text, stop_flag,
 };
 
 use crate::commands::monitor::describe;
+use crate::timing::realtime::monotonic_ns;
 
 /// Time between two pictures; the percentiles are those of the ticks in between.
 const REFRESH: Duration = Duration::from_millis(500);
@@ -121,6 +123,22 @@ impl Window {
     }
 }
 
+/// A line for each source of frames: how old its newest message is, and what is in it.
+fn source_lines(published: &PublishedFrames<'_>) -> Vec<String> {
+    let line = |message: &TaskFrames| {
+        let TaskFrames { source, obstacle_count, .. } = message;
+        let frames = message.listed().unwrap_or(&[]).iter();
+        let names: Vec<_> = frames.map(|frame| name_str(&frame.name).unwrap_or("?")).collect();
+        format!(
+            "{}, {:.1} ms old: frames {}; {obstacle_count} obstacles",
+            source_text(source),
+            published.age_ns(message) as f64 * 1e-6,
+            if names.is_empty() { "none".into() } else { names.join(", ") }
+        )
+    };
+    published.messages().map(line).collect()
+}
+
 /// Receives what has been published in the meantime; `false` when nothing was.
 fn receive(port: &StatusPort, window: &mut Window) -> bool {
     let mut any = false;
@@ -137,7 +155,9 @@ fn receive(port: &StatusPort, window: &mut Window) -> bool {
 /// # Errors
 /// When no controller publishes on this instance, or the terminal cannot be written.
 pub fn top(instance: &str, once: bool) -> Result<(), TopError> {
-    let port = Instance::new(instance)?.open_status()?;
+    let opened = Instance::new(instance)?;
+    let (port, frames): (_, FramesPort) = (opened.open_status()?, opened.open_frames()?);
+    let mut sources = FrameSources::new(u64::MAX);
     let stop = stop_flag().map_err(TopError::Signals)?;
     let terminal = Term::stdout();
     let mut window = Window::new();
@@ -145,6 +165,7 @@ pub fn top(instance: &str, once: bool) -> Result<(), TopError> {
     let (mut picture, mut heard) = (Instant::now(), Instant::now());
     while !stop.load(Ordering::Relaxed) {
         thread::sleep(LOOK);
+        sources.receive(&frames.frames, monotonic_ns());
         if receive(&port, &mut window) {
             heard = Instant::now();
         } else if heard.elapsed() > PATIENCE {
@@ -153,7 +174,8 @@ pub fn top(instance: &str, once: bool) -> Result<(), TopError> {
         if picture.elapsed() < REFRESH || window.last.is_none() {
             continue;
         }
-        let lines = window.lines(instance);
+        let mut lines = window.lines(instance);
+        lines.extend(source_lines(&sources.at(monotonic_ns())));
         if draw(&terminal, drawn, &lines).is_err() {
             // A reader that has gone away, as in `controller top … | head`, is no reason to fail.
             return Ok(());
@@ -180,6 +202,23 @@ fn draw(terminal: &Term, drawn: usize, lines: &[String]) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tprmp_messages::Frame;
+
+    #[test]
+    fn each_source_of_frames_has_a_line() {
+        let mut camera = TaskFrames::of_source("camera").unwrap();
+        (camera.frame_count, camera.obstacle_count) = (1, 2);
+        camera.frames[0] = Frame::at("object", [0.0; 3]).unwrap();
+        let robot = TaskFrames { time_ns: 8_000_000, ..Default::default() };
+        let published = PublishedFrames::of(&[&camera, &robot], 10_000_000, 0);
+        assert_eq!(
+            source_lines(&published),
+            [
+                "source `camera`, 10.0 ms old: frames object; 2 obstacles",
+                "the source without a name, 2.0 ms old: frames none; 0 obstacles"
+            ]
+        );
+    }
 
     #[test]
     fn a_picture_shows_state_rate_counters_and_times() {

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use tprmp_messages::{RobotState, Subscriber, TaskFrames};
+use tprmp_messages::{FRAME_SOURCES_MAX, RobotState, Subscriber, TaskFrames};
 
 use crate::timing::realtime::monotonic_ns;
 
@@ -25,7 +25,7 @@ pub(super) struct Received<M> {
 pub(super) struct Recording {
     /// States, in the order in which they came.
     pub(super) states: Vec<Received<RobotState>>,
-    /// The newest frames; a message each time they were looked for and had changed.
+    /// The newest frames of each source; a message each time they were looked for and had changed.
     pub(super) frames: Vec<Received<TaskFrames>>,
 }
 
@@ -46,7 +46,8 @@ impl Recording {
                 recording.states.push(Received { message: *sample, at_ns: monotonic_ns() });
                 first.get_or_insert_with(Instant::now);
             }
-            if let Some(sample) = frames.and_then(Subscriber::receive) {
+            for _ in 0..FRAME_SOURCES_MAX {
+                let Some(sample) = frames.and_then(Subscriber::receive) else { break };
                 recording.frames.push(Received { message: *sample, at_ns: monotonic_ns() });
             }
             std::thread::sleep(LOOK);

@@ -56,9 +56,9 @@ checks! {
     /// Frames are of now.
     FrameClock = "clock of frames", "stamp the frames on the clock of the states";
     /// Names and poses.
-    FramePoses = "frames", "publish frames in m in the robot's base, quaternions w x y z, with the skill's names";
+    FramePoses = "frames", "publish frames in m in the robot's base, quaternions w x y z, with the skill's names, each by one source";
     /// Obstacles.
-    Obstacles = "obstacles", "publish at most 32 obstacles of known kinds, with sizes above 0";
+    Obstacles = "obstacles", "publish at most 32 obstacles of known kinds over all sources, with sizes above 0";
     /// Each joint follows its command.
     Joints = "order and sign", "let index i of states and commands be joint i of `robot.joints`, with its sign";
     /// Velocities in motion.

@@ -61,7 +61,8 @@ pub fn kind(reason: Reason) -> Kind {
         | Reason::QuaternionOrder
         | Reason::ObstacleCount
         | Reason::ObstacleSize
-        | Reason::ObstacleQuaternion => Kind::Frames,
+        | Reason::ObstacleQuaternion
+        | Reason::FrameTwice => Kind::Frames,
         Reason::ResolveFailed
         | Reason::CommandNotFinite
         | Reason::Overrun

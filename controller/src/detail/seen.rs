@@ -54,6 +54,16 @@ about! {
     Unanswered,
     /// A frame that is not there.
     FrameMissing,
+    /// Age of a frame of a source, or of a source's obstacles where it names none; the greatest \[ns\].
+    FrameAge,
+    /// A frame that two sources publish.
+    FrameTwice,
+    /// A name that two sources have.
+    SourceTwice,
+    /// A source too many; the most.
+    SourceCount,
+    /// Number of obstacles of all sources together, the last of which goes beyond; the most.
+    ObstacleTotal,
     /// A frame that is marked invalid; its mark.
     FrameInvalid,
     /// A number of a frame that is not finite.
@@ -95,6 +105,8 @@ pub struct Detail {
     pub index: u32,
     /// Name of the frame, or the hash of the joints' names.
     pub name: [u8; NAME_CAPACITY],
+    /// Names of the sources it is about; what is unused is zero, and so is the name of a source without one.
+    pub sources: [[u8; NAME_CAPACITY]; 2],
     /// In the unit of what it is about.
     pub seen: f64,
     /// In the unit of what it is about; what is unused is 0.
@@ -124,6 +136,12 @@ impl Detail {
     #[must_use]
     pub fn named(self, name: &[u8; NAME_CAPACITY]) -> Self {
         Self { name: *name, ..self }
+    }
+
+    /// The same about a message of the source of this name.
+    #[must_use]
+    pub fn of_source(self, source: &[u8; NAME_CAPACITY]) -> Self {
+        Self { sources: [*source, self.sources[1]], ..self }
     }
 
     /// The first position that is outside of its limits [rad or m], or nothing to add.

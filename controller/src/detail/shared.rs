@@ -4,12 +4,14 @@
 use core::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
 use std::sync::OnceLock;
 
-use tprmp_messages::{FRAME_CAPACITY, Frame, NAME_CAPACITY, Reason, name_str};
+use tprmp_messages::{NAME_CAPACITY, Reason, name_str};
 
 use crate::detail::seen::{About, Detail};
 
 /// Words of a name.
 const WORDS: usize = NAME_CAPACITY / 8;
+/// Most names of a list; those beyond are left out.
+const NAMES_MAX: usize = 16;
 /// So often a detail that is being written is read again.
 const READS: u32 = 100;
 
@@ -19,7 +21,7 @@ type Name = [u8; NAME_CAPACITY];
 #[derive(Debug, Default)]
 struct SharedNames {
     count: AtomicU32,
-    words: [[AtomicU64; WORDS]; FRAME_CAPACITY],
+    words: [[AtomicU64; WORDS]; NAMES_MAX],
 }
 
 impl SharedNames {
@@ -62,6 +64,7 @@ pub struct SharedDetail {
     about: AtomicU32,
     index: AtomicU32,
     name: [AtomicU64; WORDS],
+    sources: [[AtomicU64; WORDS]; 2],
     /// As bits.
     numbers: [AtomicU64; 3],
     needed: SharedNames,
@@ -89,19 +92,27 @@ impl SharedDetail {
     }
 
     /// Stores a detail, the frames that are needed and those that were found. No lock, no allocation.
-    pub fn write(&self, detail: &Detail, needed: &[Name], found: &[Frame]) {
+    pub fn write<'a>(
+        &self,
+        detail: &Detail,
+        needed: &[Name],
+        found: impl Iterator<Item = &'a Name>,
+    ) {
         self.version.fetch_add(1, Ordering::Relaxed);
         fence(Ordering::Release);
         self.reason.store(detail.reason.to_wire(), Ordering::Relaxed);
         self.about.store(detail.about as u32, Ordering::Relaxed);
         self.index.store(detail.index, Ordering::Relaxed);
         store(&self.name, &detail.name);
+        for (words, name) in self.sources.iter().zip(&detail.sources) {
+            store(words, name);
+        }
         let [least, most] = detail.expected;
         for (number, value) in self.numbers.iter().zip([detail.seen, least, most]) {
             number.store(value.to_bits(), Ordering::Relaxed);
         }
         self.needed.store(needed.iter());
-        self.found.store(found.iter().map(|frame| &frame.name));
+        self.found.store(found);
         self.version.fetch_add(1, Ordering::Release);
     }
 
@@ -128,6 +139,7 @@ impl SharedDetail {
             about: about.copied().unwrap_or_default(),
             index: self.index.load(Ordering::Relaxed),
             name: load(&self.name),
+            sources: [0, 1].map(|i| load(&self.sources[i])),
             seen: number(0),
             expected: [number(1), number(2)],
         };
@@ -145,21 +157,23 @@ impl SharedDetail {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tprmp_messages::name_bytes;
 
     #[test]
     fn a_detail_survives_its_storage() {
         let shared = SharedDetail::default();
         shared.name_joints(&["shoulder".into()]);
-        let frame = |name| Frame::at(name, [0.0; 3]).unwrap();
-        let needed = [frame("object").name];
+        let name = |name| name_bytes(name).unwrap();
+        let needed = [name("object")];
         let detail = Detail::new(Reason::FrameMissing, About::FrameFar, f64::NAN, [1.0, -2.0]);
-        let detail = detail.at(3).named(&needed[0]);
-        shared.write(&detail, &needed, &[frame("Object"), frame("start")]);
+        let detail = detail.at(3).named(&needed[0]).of_source(&name("camera"));
+        shared.write(&detail, &needed, [name("Object"), name("start")].iter());
         assert!(shared.read(Reason::JointLimit).is_none());
         let read = shared.read(Reason::FrameMissing).unwrap();
         assert_eq!((read.detail.about, read.detail.index), (About::FrameFar, 3));
         assert!(read.detail.seen.is_nan() && read.detail.expected == [1.0, -2.0]);
         assert_eq!(name_str(&read.detail.name), Some("object"));
+        assert_eq!(read.detail.sources, detail.sources);
         assert_eq!((read.joints, read.needed), (vec!["shoulder".into()], vec!["object".into()]));
         assert_eq!(read.found, ["Object", "start"]);
     }

@@ -3,7 +3,8 @@
 use core::fmt::Write;
 
 use tprmp_messages::{
-    FRAME_CAPACITY, NAME_CAPACITY, OBSTACLE_CAPACITY, joint_names_hash, name_str,
+    FRAME_CAPACITY, FRAME_SOURCES_MAX, NAME_CAPACITY, OBSTACLE_CAPACITY, joint_names_hash,
+    name_str, source_text,
 };
 
 use crate::detail::seen::{About, Detail};
@@ -22,6 +23,7 @@ pub fn explain(snapshot: &Snapshot) -> Option<String> {
     let detail = &snapshot.detail;
     joint_text(snapshot)
         .or_else(|| message_text(snapshot))
+        .or_else(|| source_of_frames_text(snapshot))
         .or_else(|| frame_text(snapshot))
         .or_else(|| obstacle_text(detail))
 }
@@ -205,24 +207,66 @@ fn clock(stamp_ns: f64, now_ns: f64, most_ns: f64) -> String {
     )
 }
 
+/// What is about several sources, or about when one was heard.
+fn source_of_frames_text(snapshot: &Snapshot) -> Option<String> {
+    let detail = &snapshot.detail;
+    let Detail { about, seen, expected: [most, _], .. } = *detail;
+    let frame = name(&detail.name);
+    let [one, other] = [0, 1].map(|i| source_text(&detail.sources[i]));
+    let what =
+        if frame.is_empty() { "the newest obstacles".into() } else { format!("frame `{frame}`") };
+    Some(match about {
+        About::FrameAge => format!(
+            "{what}{} {} {:.1} ms old, at most {:.1} ms is permitted: likely its source has stopped, or was \
+             held up",
+            of_source(detail),
+            if frame.is_empty() { "are" } else { "is" },
+            1e-6 * seen,
+            1e-6 * most
+        ),
+        About::FrameTwice => format!(
+            "{what} is published by {one} and by {other}: let one of them publish it, or rename one"
+        ),
+        About::SourceTwice => {
+            format!(
+                "two publishers of frames have one `source`, {one}: give each a name of its own"
+            )
+        }
+        About::SourceCount => {
+            format!("{one} is one too many, at most {FRAME_SOURCES_MAX} are followed: end one")
+        }
+        About::ObstacleTotal => format!(
+            "{seen} obstacles are published, at most {most} are followed; {one} goes beyond: publish the \
+             nearest ones"
+        ),
+        _ => return None,
+    })
+}
+
+/// Which source a message is of, where that has a name.
+fn of_source(detail: &Detail) -> String {
+    let source = &detail.sources[0];
+    if source[0] == 0 { String::new() } else { format!(" of {}", source_text(source)) }
+}
+
 fn frame_text(snapshot: &Snapshot) -> Option<String> {
     let detail = &snapshot.detail;
     let Detail { about, seen, expected: [one, _], index, .. } = *detail;
-    let frame = name(&detail.name);
+    let frame = format!("frame `{}`{}", name(&detail.name), of_source(detail));
     Some(match about {
-        About::FrameMissing => missing(snapshot, frame),
-        About::FrameInvalid => format!(
-            "frame `{frame}` has `valid` {seen}, expected 1: likely it is not seen at the moment"
-        ),
+        About::FrameMissing => missing(snapshot, name(&detail.name)),
+        About::FrameInvalid => {
+            format!("{frame} has `valid` {seen}, expected 1: likely it is not seen at the moment")
+        }
         About::FrameNotFinite => {
             let field = ["position", "quaternion", "linear_velocity", "angular_velocity"];
-            not_finite(&format!("frame `{frame}`"), field[index.min(3) as usize], seen)
+            not_finite(&frame, field[index.min(3) as usize], seen)
         }
         About::FrameQuaternion => format!(
-            "frame `{frame}` has a quaternion of length {seen:.4}, expected 1: normalise it, w x y z"
+            "{frame} has a quaternion of length {seen:.4}, expected 1: normalise it, w x y z"
         ),
         About::FrameFar => format!(
-            "frame `{frame}` is {seen:.1} m from the base, at most {one:.0} m is believed: {}",
+            "{frame} is {seen:.1} m from the base, at most {one:.0} m is believed: {}",
             if 1e-3 * seen < one {
                 "likely millimetres; publish metres"
             } else {
@@ -230,13 +274,14 @@ fn frame_text(snapshot: &Snapshot) -> Option<String> {
             }
         ),
         About::FrameOrder => format!(
-            "frame `{frame}` is turned by {:.0}° from the tool that is there, and by {:.1}° with its \
+            "{frame} is turned by {:.0}° from the tool that is there, and by {:.1}° with its \
              quaternion in the other order: likely x y z w; publish w x y z",
             seen.to_degrees(),
             one.to_degrees()
         ),
         About::FrameCount => {
-            format!("`frame_count` is {seen}, at most {FRAME_CAPACITY} are carried")
+            let of = of_source(detail);
+            format!("`frame_count`{of} is {seen}, at most {FRAME_CAPACITY} are carried")
         }
         _ => return None,
     })
@@ -265,7 +310,8 @@ fn missing(snapshot: &Snapshot, frame: &str) -> String {
 
 fn obstacle_text(detail: &Detail) -> Option<String> {
     let Detail { about, seen, expected: [one, _], index, .. } = *detail;
-    let obstacle = format!("`obstacles[{index}]`");
+    let of = of_source(detail);
+    let obstacle = format!("`obstacles[{index}]`{of}");
     Some(match about {
         About::ObstacleKind => format!("{obstacle} has `kind` {seen}, expected 0 to 3"),
         About::ObstacleMark => format!("{obstacle} has `valid` {seen}, expected 0 or 1"),
@@ -277,7 +323,7 @@ fn obstacle_text(detail: &Detail) -> Option<String> {
         ),
         About::ObstacleNotFinite => not_finite(&obstacle, "a field", seen),
         About::ObstacleCount => format!(
-            "`obstacle_count` is {seen}, at most {OBSTACLE_CAPACITY} are carried: publish the nearest ones"
+            "`obstacle_count`{of} is {seen}, at most {OBSTACLE_CAPACITY} are carried: publish the nearest ones"
         ),
         _ => return None,
     })
@@ -320,6 +366,37 @@ mod tests {
             (said(About::Clock, 0.0, [now, 5e7]), "not set"),
             (said(About::Clock, now - 6.3e7, [now, 5e7]), "63.0 ms after"),
             (said(About::FrameFar, 512.0, [20.0, 0.0]), "millimetres"),
+        ] {
+            assert!(text.contains(part), "{text}");
+        }
+    }
+
+    #[test]
+    fn sources_of_frames_are_named() {
+        let name = |name| tprmp_messages::name_bytes(name).unwrap();
+        let detail = |about, seen| {
+            let mut detail = Detail::new(Reason::FrameTwice, about, seen, [1e8, 0.0]);
+            detail.sources = [name("camera"), name("tracker")];
+            detail
+        };
+        let said = |detail: Detail| explain(&snapshot(detail)).unwrap();
+        let object = name("object");
+        for (text, part) in [
+            (
+                said(detail(About::FrameTwice, 0.0).named(&object)),
+                "`camera` and by source `tracker`",
+            ),
+            (
+                said(detail(About::FrameAge, 5.32e8).named(&object)),
+                "frame `object` of source `camera` is 532.0 ms old, at most 100.0 ms",
+            ),
+            (said(detail(About::FrameAge, 5e8)), "obstacles of source `camera` are 500.0 ms old"),
+            (
+                said(detail(About::FrameFar, 512.0).named(&object)),
+                "`object` of source `camera` is 512",
+            ),
+            (said(detail(About::ObstacleSize, 0.0)), "`obstacles[0]` of source `camera`"),
+            (said(detail(About::SourceTwice, 0.0)), "one `source`, source `camera`"),
         ] {
             assert!(text.contains(part), "{text}");
         }

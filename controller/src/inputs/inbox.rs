@@ -2,8 +2,8 @@
 
 use glam::DQuat;
 use tprmp_messages::{
-    ControllerPorts, Frame, GripperState, Reason, RobotMode, RobotState, STATE_BUFFER, Sample,
-    Subscriber, TaskFrames, joint_names_hash,
+    ControllerPorts, FrameSources, GripperState, NAME_CAPACITY, Reason, RobotMode, RobotState,
+    STATE_BUFFER, Sample, Subscriber, joint_names_hash,
 };
 use tprmp_model::controller_config::{ControllerConfig, FrameObserver, Loop};
 use tprmp_robot::Chain;
@@ -67,7 +67,7 @@ impl FirstStates {
 #[derive(Debug)]
 pub struct Inbox<const N: usize> {
     state: Option<Sample<RobotState>>,
-    frames: Option<Sample<TaskFrames>>,
+    frames: FrameSources,
     /// The frames and obstacles that were believed last.
     pub scene: Scene,
     /// What is commanded from outside; `None` for a controller that does not listen.
@@ -78,7 +78,6 @@ pub struct Inbox<const N: usize> {
     /// In lockstep states are received when they were measured.
     lockstep: bool,
     frame_observer: FrameObserver,
-    frames_age_max_ns: u64,
 }
 
 impl<const N: usize> Inbox<N> {
@@ -88,7 +87,7 @@ impl<const N: usize> Inbox<N> {
         let Loop { state_age_max_ns, states_lost_in_a_row_max, .. } = config.cycle;
         Self {
             state: None,
-            frames: None,
+            frames: FrameSources::new(config.cycle.frames_age_max_ns),
             scene,
             external: config.external.as_ref().map(ExternalCommand::new),
             scene_check: Err(Reason::FrameMissing),
@@ -101,7 +100,6 @@ impl<const N: usize> Inbox<N> {
             .of_joints(joint_names_hash(chain.joint_names())),
             lockstep,
             frame_observer: config.frame_observer,
-            frames_age_max_ns: config.cycle.frames_age_max_ns,
         }
     }
 
@@ -119,17 +117,18 @@ impl<const N: usize> Inbox<N> {
         if self.lockstep {
             self.first.wait_for_answers(monotonic_ns())?;
         }
-        let frames = ports.frames.receive();
         let connected = ports.update_connections();
-        self.frames = frames.or(self.frames.take());
-        match (&self.state, &self.frames) {
-            (None, _) => Err(Reason::StateStale),
-            (Some(_), Some(_)) if connected => {
-                self.update_scene();
-                Ok(())
-            }
-            _ => Err(Reason::FrameMissing),
+        let time_ns = self.state_time_ns().filter(|_| self.lockstep);
+        let now_ns = time_ns.unwrap_or_else(monotonic_ns);
+        self.frames.receive(&ports.frames, now_ns);
+        if self.state.is_none() {
+            return Err(Reason::StateStale);
         }
+        if !connected || self.frames.at(now_ns).messages().next().is_none() {
+            return Err(Reason::FrameMissing);
+        }
+        self.update_scene(now_ns);
+        Ok(())
     }
 
     /// Receives all new states and judges each of them; whether there was one.
@@ -151,9 +150,9 @@ impl<const N: usize> Inbox<N> {
 
     /// Receives the newest frames and command from outside at the time `now_ns` \[ns\].
     pub fn receive_frames_and_command(&mut self, peers: &mut Peers, now_ns: u64) {
-        if let Some(frames) = peers.exchange(|ports| ports.frames.receive()) {
-            self.frames = Some(frames);
-            self.update_scene();
+        let Self { frames, .. } = self;
+        if peers.exchange(|ports| frames.receive(&ports.frames, now_ns)) {
+            self.update_scene(now_ns);
         }
         if let Some(external) = &mut self.external {
             let newest =
@@ -164,11 +163,9 @@ impl<const N: usize> Inbox<N> {
         }
     }
 
-    /// Reads the newest frames again, for a scene that needs others.
-    pub fn update_scene(&mut self) {
-        if let Some(frames) = &self.frames {
-            self.scene_check = self.scene.update(frames, &self.frame_observer);
-        }
+    /// Reads the newest frames again at the time `now_ns` \[ns\], for a scene that needs others.
+    pub fn update_scene(&mut self, now_ns: u64) {
+        self.scene_check = self.scene.update(&self.frames.at(now_ns), &self.frame_observer);
     }
 
     /// The joints as measured, where the newest state can be believed at the time `now_ns` \[ns\], and
@@ -190,16 +187,12 @@ impl<const N: usize> Inbox<N> {
         if let Some(detail) = self.estimator.detail(now_ns).filter(|d| d.reason == reason) {
             return detail;
         }
-        match (&self.frames, &self.state) {
-            (Some(frames), _) if reason == Reason::FramesStale => {
-                let age_ns = now_ns.abs_diff(frames.time_ns) as f64;
-                Detail::new(reason, About::Age, age_ns, [self.frames_age_max_ns as f64, 0.0])
+        match &self.state {
+            _ if reason == Reason::FramesStale || self.scene_check == Err(reason) => {
+                offender::of_scene(&self.frames.at(now_ns), self.scene.names(), reason)
             }
-            (Some(frames), _) if self.scene_check == Err(reason) => {
-                offender::of_scene(frames, self.scene.names(), reason)
-            }
-            (_, Some(state)) => offender::of_state(state, N, reason),
-            _ => Detail::plain(reason),
+            Some(state) => offender::of_state(state, N, reason),
+            None => Detail::plain(reason),
         }
     }
 
@@ -218,10 +211,10 @@ impl<const N: usize> Inbox<N> {
         swapped.then(|| detail.named(&self.scene.names()[0]))
     }
 
-    /// The frames that were published last.
-    #[must_use]
-    pub fn found_frames(&self) -> &[Frame] {
-        self.frames.as_ref().and_then(|frames| frames.listed().ok()).unwrap_or(&[])
+    /// Names of the frames that were published last.
+    pub fn found_frames(&self) -> impl Iterator<Item = &[u8; NAME_CAPACITY]> {
+        let messages = self.frames.at(0).messages();
+        messages.flat_map(|message| message.listed().unwrap_or(&[])).map(|frame| &frame.name)
     }
 
     /// How many states are missing between those that arrived.
@@ -236,11 +229,10 @@ impl<const N: usize> Inbox<N> {
     /// Why not.
     pub fn check_scene(&self, now_ns: u64) -> Result<(), Reason> {
         self.scene_check?;
-        let frames = self.frames.as_ref().ok_or(Reason::FrameMissing)?;
-        if now_ns.abs_diff(frames.time_ns) > self.frames_age_max_ns {
-            return Err(Reason::FramesStale);
+        match self.frames.at(now_ns).stale(self.scene.names()) {
+            Some(_) => Err(Reason::FramesStale),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     /// Whether the robot itself permits motion; without a state it does.

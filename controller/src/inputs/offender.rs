@@ -1,8 +1,9 @@
 //! Which joint, frame or obstacle of a message a check has refused. Called where one has: no allocation.
 
 use tprmp_messages::{
-    FRAME_CAPACITY, FRAME_DISTANCE_MAX_M, Frame, NAME_CAPACITY, OBSTACLE_CAPACITY, Obstacle,
-    ObstacleKind, Reason, RobotState, TaskFrames, quaternion_length,
+    FRAME_CAPACITY, FRAME_DISTANCE_MAX_M, FRAME_SOURCES_MAX, Frame, NAME_CAPACITY,
+    OBSTACLE_CAPACITY, Obstacle, ObstacleKind, PublishedFrames, Reason, RobotState, TaskFrames,
+    quaternion_length,
 };
 
 use crate::detail::{About, Detail};
@@ -41,26 +42,48 @@ pub fn of_state(state: &RobotState, joints: usize, reason: Reason) -> Detail {
     }
 }
 
-/// What of a message of frames and obstacles is refused for this reason, where these frames are needed.
+/// What of the frames and obstacles of all sources is refused for this reason, where these frames are needed.
 #[must_use]
-pub fn of_scene(message: &TaskFrames, needed: &[[u8; NAME_CAPACITY]], reason: Reason) -> Detail {
-    let number = |about, seen, most| Detail::new(reason, about, seen, [most, 0.0]);
+pub fn of_scene(
+    published: &PublishedFrames<'_>,
+    needed: &[[u8; NAME_CAPACITY]],
+    reason: Reason,
+) -> Detail {
+    let of_sources = match reason {
+        Reason::FrameMissing => Some(missing(published, needed)),
+        Reason::FramesStale => stale(published, needed),
+        Reason::FrameTwice => twice(published, needed),
+        _ => None,
+    };
+    let of_message = || {
+        published
+            .messages()
+            .find_map(|message| Some(of_message(message, reason)?.of_source(&message.source)))
+    };
+    of_sources
+        .or_else(of_message)
+        .or_else(|| too_many(published, reason))
+        .unwrap_or(Detail::plain(reason))
+}
+
+/// What of one source's message is refused.
+fn of_message(message: &TaskFrames, reason: Reason) -> Option<Detail> {
+    let count = |about, seen: u32, most: usize| {
+        let beyond = seen as usize > most;
+        beyond.then(|| Detail::new(reason, about, f64::from(seen), [most as f64, 0.0]))
+    };
     match reason {
         Reason::FrameCount => {
-            let most = FRAME_CAPACITY as f64;
-            return number(About::FrameCount, f64::from(message.frame_count), most);
+            return count(About::FrameCount, message.frame_count, FRAME_CAPACITY);
         }
         Reason::ObstacleCount => {
-            let most = OBSTACLE_CAPACITY as f64;
-            return number(About::ObstacleCount, f64::from(message.obstacle_count), most);
+            return count(About::ObstacleCount, message.obstacle_count, OBSTACLE_CAPACITY);
         }
         _ => {}
     }
-    let frames = message.listed().unwrap_or(&[]);
-    if reason == Reason::FrameMissing {
-        return missing(frames, needed);
-    }
-    let frame = frames
+    let frame = message
+        .listed()
+        .unwrap_or(&[])
         .iter()
         .filter(|frame| frame.valid == 1)
         .find(|frame| frame.check() == Err(reason))
@@ -71,19 +94,66 @@ pub fn of_scene(message: &TaskFrames, needed: &[[u8; NAME_CAPACITY]], reason: Re
         let (index, obstacle) = there.find(|(_, obstacle)| obstacle.check() == Err(reason))?;
         Some(of_obstacle(obstacle, reason).at(index))
     };
-    frame.or_else(obstacle).unwrap_or(Detail::plain(reason))
+    frame.or_else(obstacle)
 }
 
-fn missing(frames: &[Frame], needed: &[[u8; NAME_CAPACITY]]) -> Detail {
+/// Which source goes beyond what all of them together may publish.
+fn too_many(published: &PublishedFrames<'_>, reason: Reason) -> Option<Detail> {
+    if let (Reason::FrameCount, Some(name)) = (reason, published.left_out()) {
+        let most = FRAME_SOURCES_MAX as f64;
+        return Some(
+            Detail::new(reason, About::SourceCount, most + 1.0, [most, 0.0]).of_source(name),
+        );
+    }
+    let mut total = 0;
+    let mut beyond = None;
+    for message in published.messages().filter(|_| reason == Reason::ObstacleCount) {
+        total += message.present().map_or(0, Iterator::count);
+        if total > OBSTACLE_CAPACITY {
+            beyond.get_or_insert(message.source);
+        }
+    }
+    let (seen, most) = (total as f64, OBSTACLE_CAPACITY as f64);
+    Some(Detail::new(reason, About::ObstacleTotal, seen, [most, 0.0]).of_source(&beyond?))
+}
+
+/// A frame, or the obstacles of a source, that are too old; where nothing is, whatever is newest.
+fn stale(published: &PublishedFrames<'_>, needed: &[[u8; NAME_CAPACITY]]) -> Option<Detail> {
+    let (name, message) = published.stale(needed)?;
+    let numbers = (published.age_ns(message) as f64, [published.age_max_ns() as f64, 0.0]);
+    let detail = Detail::new(Reason::FramesStale, About::FrameAge, numbers.0, numbers.1);
+    Some(detail.named(&name.unwrap_or_default()).of_source(&message.source))
+}
+
+/// The frame, or the name, that two sources have.
+fn twice(published: &PublishedFrames<'_>, needed: &[[u8; NAME_CAPACITY]]) -> Option<Detail> {
+    let detail = |about| Detail::new(Reason::FrameTwice, about, 0.0, [0.0; 2]);
+    if let Some(name) = published.named_twice() {
+        return Some(detail(About::SourceTwice).of_source(name));
+    }
+    let name = needed.iter().find(|name| published.find(name).is_err_and(is_twice))?;
+    let mut fresh = published.claims(name).filter(|claim| published.is_fresh(claim.message));
+    let sources = [fresh.next()?.message.source, fresh.next()?.message.source];
+    Some(Detail { sources, ..detail(About::FrameTwice).named(name) })
+}
+
+fn is_twice(reason: Reason) -> bool {
+    reason == Reason::FrameTwice
+}
+
+fn missing(published: &PublishedFrames<'_>, needed: &[[u8; NAME_CAPACITY]]) -> Detail {
     let reason = Reason::FrameMissing;
     for name in needed {
-        match Frame::find(frames, name) {
-            None => return Detail::new(reason, About::FrameMissing, 0.0, [0.0; 2]).named(name),
-            Some(found) if found.valid != 1 => {
-                let mark = f64::from(found.valid);
-                return Detail::new(reason, About::FrameInvalid, mark, [1.0, 0.0]).named(name);
+        match published.find(name) {
+            Err(Reason::FrameMissing) => {
+                return Detail::new(reason, About::FrameMissing, 0.0, [0.0; 2]).named(name);
             }
-            Some(_) => {}
+            Ok(found) if found.frame.valid != 1 => {
+                let mark = f64::from(found.frame.valid);
+                let detail = Detail::new(reason, About::FrameInvalid, mark, [1.0, 0.0]);
+                return detail.named(name).of_source(&found.message.source);
+            }
+            _ => {}
         }
     }
     Detail::plain(reason)
@@ -152,7 +222,12 @@ mod tests {
         let mut scene = TaskFrames { frame_count: 2, obstacle_count: 2, ..Default::default() };
         scene.frames[0] = Frame::at("a", [0.0; 3]).unwrap();
         scene.frames[1] = Frame::at("b", [300.0, 400.0, 0.0]).unwrap();
+        scene.source = name_bytes("camera").unwrap();
+        let of_scene = |message: &TaskFrames, needed: &[_], reason| {
+            of_scene(&PublishedFrames::of(&[message], 0, 0), needed, reason)
+        };
         let far = of_scene(&scene, &[], Reason::FrameFar);
+        assert_eq!(far.sources[0], scene.source);
         assert_eq!((far.about, far.seen), (About::FrameFar, 500.0));
         assert_eq!(far.name, name_bytes("b").unwrap());
         scene.obstacles[1] = Obstacle { valid: 1, size: [-0.1, 0.0, 0.0], ..Default::default() };
@@ -161,5 +236,32 @@ mod tests {
         let c = name_bytes("c").unwrap();
         let missing = of_scene(&scene, &[c], Reason::FrameMissing);
         assert_eq!((missing.about, missing.name), (About::FrameMissing, c));
+    }
+
+    #[test]
+    fn of_several_sources_those_are_named_that_are_the_cause() {
+        let source = |name: &str, obstacles| {
+            let mut message = TaskFrames::of_source(name).unwrap();
+            message.frames[0] = Frame::at("object", [0.0; 3]).unwrap();
+            (message.frame_count, message.obstacle_count) = (1, obstacles);
+            message.obstacles.iter_mut().for_each(|obstacle| obstacle.valid = 1);
+            message
+        };
+        let [a, b] = [source("a", 20), source("b", 13)];
+        let object = name_bytes("object").unwrap();
+        let detail =
+            |b, now_ns, r| of_scene(&PublishedFrames::of(&[&a, b], now_ns, 100), &[object], r);
+        let twice = detail(&b, 0, Reason::FrameTwice);
+        assert_eq!((twice.about, twice.name), (About::FrameTwice, object));
+        assert_eq!(twice.sources, [a.source, b.source]);
+        let total = detail(&b, 0, Reason::ObstacleCount);
+        assert_eq!(
+            (total.about, total.seen, total.sources[0]),
+            (About::ObstacleTotal, 33.0, b.source)
+        );
+        let b = TaskFrames { time_ns: 500, ..b };
+        let old = detail(&b, 500, Reason::FramesStale);
+        assert_eq!((old.about, old.seen, old.sources[0]), (About::FrameAge, 500.0, a.source));
+        assert_eq!(old.name, [0; NAME_CAPACITY], "its obstacles: the frame is another's by now");
     }
 }

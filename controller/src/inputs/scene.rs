@@ -1,7 +1,9 @@
 //! The skill's frames and the obstacles, checked, with the frames' accelerations.
 
 use glam::{DQuat, DVec3};
-use tprmp_messages::{Frame, NAME_CAPACITY, OBSTACLE_CAPACITY, ObstacleKind, Reason, TaskFrames};
+use tprmp_messages::{
+    Frame, NAME_CAPACITY, OBSTACLE_CAPACITY, ObstacleKind, PublishedFrames, Reason,
+};
 use tprmp_model::controller_config::FrameObserver;
 use tprmp_rmpflow::leaves::{Obstacle, Shape};
 use tprmp_rmpflow::policy::FRAME_CAPACITY;
@@ -22,7 +24,8 @@ pub struct Scene {
     obstacle_count: usize,
     /// Whether obstacles were believed once.
     known: bool,
-    time_ns: Option<u64>,
+    /// When each frame was measured.
+    times_ns: Vec<Option<u64>>,
 }
 
 impl Scene {
@@ -37,13 +40,13 @@ impl Scene {
         Self {
             announced: vec![MovingPose::at_rest(Pose::IDENTITY); names.len()],
             frames: vec![MovingPose::at_rest(Pose::IDENTITY); names.len()],
+            times_ns: vec![None; names.len()],
             ahead_s: 0.0,
             names,
             goal_frame,
             obstacles: [nothing; OBSTACLE_CAPACITY],
             obstacle_count: 0,
             known: false,
-            time_ns: None,
         }
     }
 
@@ -90,32 +93,36 @@ impl Scene {
         (self.obstacle_count, self.known) = (other.obstacle_count, other.known);
     }
 
-    /// Updates with a message, all of it or nothing.
+    /// Updates with what all sources have published, all of it or nothing.
     ///
     /// # Errors
     /// The reason for which the arm has to stop; the scene is as it was.
-    pub fn update(&mut self, message: &TaskFrames, observer: &FrameObserver) -> Result<(), Reason> {
-        let frames = message.listed()?;
-        // Also frames that the skill does not need: a number that is none makes all others doubtful.
-        for frame in frames.iter().filter(|frame| frame.valid == 1) {
-            frame.check()?;
-        }
-        let mut now = [MovingPose::at_rest(Pose::IDENTITY); FRAME_CAPACITY];
-        for (frame, name) in now.iter_mut().zip(&self.names) {
-            let found = Frame::find(frames, name).ok_or(Reason::FrameMissing)?;
-            found.check()?;
-            *frame = moving_pose(found);
+    pub fn update(
+        &mut self,
+        published: &PublishedFrames<'_>,
+        observer: &FrameObserver,
+    ) -> Result<(), Reason> {
+        check_sources(published)?;
+        let mut now = [(MovingPose::at_rest(Pose::IDENTITY), 0); FRAME_CAPACITY];
+        for (now, name) in now.iter_mut().zip(&self.names) {
+            let found = published.find(name)?;
+            found.frame.check()?;
+            *now = (moving_pose(found.frame), found.message.time_ns);
         }
         let mut obstacles = self.obstacles;
         let mut count = 0;
-        for obstacle in message.present()? {
-            obstacles[count] = shaped(obstacle, obstacle.check()?);
-            count += 1;
+        for message in published.messages() {
+            for obstacle in message.present()? {
+                let kind = obstacle.check()?;
+                *obstacles.get_mut(count).ok_or(Reason::ObstacleCount)? = shaped(obstacle, kind);
+                count += 1;
+            }
         }
-        let elapsed_s = self.time_ns.map(|last| message.time_ns.saturating_sub(last) as f64 * 1e-9);
-        for ((announced, frame), now) in self.announced.iter_mut().zip(&mut self.frames).zip(&now) {
-            *announced = observed(announced, now, elapsed_s, observer);
-            *frame = moved(announced, self.ahead_s);
+        for (i, (now, time_ns)) in now.iter().enumerate().take(self.names.len()) {
+            let last_ns = self.times_ns[i].replace(*time_ns);
+            let elapsed_s = last_ns.map(|last| time_ns.saturating_sub(last) as f64 * 1e-9);
+            self.announced[i] = observed(&self.announced[i], now, elapsed_s, observer);
+            self.frames[i] = moved(&self.announced[i], self.ahead_s);
         }
         if self.ahead_s > 0.0 {
             for obstacle in &mut obstacles[..count] {
@@ -125,9 +132,25 @@ impl Scene {
         self.obstacles = obstacles;
         self.obstacle_count = count;
         self.known = true;
-        self.time_ns = Some(message.time_ns);
         Ok(())
     }
+}
+
+/// What holds of each source by itself, and of all of them together.
+fn check_sources(published: &PublishedFrames<'_>) -> Result<(), Reason> {
+    if published.named_twice().is_some() {
+        return Err(Reason::FrameTwice);
+    }
+    if published.left_out().is_some() {
+        return Err(Reason::FrameCount);
+    }
+    for message in published.messages().filter(|message| published.is_fresh(message)) {
+        // Also frames that the skill does not need: a number that is none makes all others doubtful.
+        for frame in message.listed()?.iter().filter(|frame| frame.valid == 1) {
+            frame.check()?;
+        }
+    }
+    Ok(())
 }
 
 /// A frame whose acceleration is smaller has none [m/s² or rad/s²].
@@ -235,7 +258,7 @@ fn shaped(obstacle: &tprmp_messages::Obstacle, kind: ObstacleKind) -> Obstacle {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tprmp_messages::name_bytes;
+    use tprmp_messages::{TaskFrames, name_bytes};
 
     const OBSERVER: FrameObserver = FrameObserver {
         time_constant_s: 0.02,
@@ -281,13 +304,18 @@ mod tests {
         message.obstacles[1].angular_velocity = [0.0, 1.0, 0.0];
         message.obstacles[2] = *cuboid(&mut message.clone());
         message.obstacles[2].linear_velocity = [0.1, 0.0, 0.0];
-        scene.update(&message, &OBSERVER).unwrap();
+        update(&mut scene, &message).unwrap();
         let [ball, capsule, cuboid] = scene.obstacles() else { panic!("three obstacles") };
         assert_eq!(ball.shape, Shape::Sphere { radius: 0.06 });
         assert_eq!(capsule.shape, Shape::Capsule { radius: 0.05, half_length: 0.2 });
         assert_eq!(capsule.velocity.angular, DVec3::Y);
         assert_eq!(cuboid.shape, Shape::Box { half_size: DVec3::new(0.05, 0.1, 0.15) });
         assert_eq!(cuboid.velocity.linear, DVec3::X * 0.1);
+    }
+
+    /// Updates with one source alone.
+    fn update(scene: &mut Scene, message: &TaskFrames) -> Result<(), Reason> {
+        scene.update(&PublishedFrames::of(&[message], message.time_ns, 1), &OBSERVER)
     }
 
     fn scene() -> Scene {
@@ -301,14 +329,14 @@ mod tests {
         message.frames[1].linear_velocity = [0.2, 0.0, 0.0];
         message.frames[1].angular_velocity = [0.0, 0.0, 0.5];
         message.obstacles[0].linear_velocity = [0.0, 0.3, 0.0];
-        scene.update(&message, &OBSERVER).unwrap();
+        update(&mut scene, &message).unwrap();
         let pose = scene.frames()[1].pose;
         assert!((pose.position - DVec3::X * 0.02).length() < 1e-12);
         assert!((pose.orientation - DQuat::from_rotation_z(0.05)).length() < 1e-12);
         assert!((scene.obstacles()[0].pose.position - DVec3::Y * 0.03).length() < 1e-12);
         // What was announced is not moved twice.
         message.time_ns += 2_000_000;
-        scene.update(&message, &OBSERVER).unwrap();
+        update(&mut scene, &message).unwrap();
         assert_eq!(scene.frames()[1].pose, pose);
         assert_eq!(scene.frames()[1].acceleration.linear, DVec3::ZERO);
     }
@@ -338,11 +366,11 @@ mod tests {
         ];
         for (i, (edit, reason)) in cases.into_iter().enumerate() {
             let mut scene = scene();
-            scene.update(&message(), &OBSERVER).unwrap();
+            update(&mut scene, &message()).unwrap();
             let mut bad = message();
             bad.frames[0].position[0] = 9.0;
             edit(&mut bad);
-            assert_eq!(scene.update(&bad, &OBSERVER), Err(reason), "case {i}");
+            assert_eq!(update(&mut scene, &bad), Err(reason), "case {i}");
             assert_eq!(scene.frames()[0].pose.position.x, 0.0, "case {i}");
             assert_eq!(scene.obstacles().len(), 1, "case {i}");
         }
@@ -358,7 +386,7 @@ mod tests {
             message.time_ns = 1 + u64::from(step) * 2_000_000;
             let (s, c) = (omega * t).sin_cos();
             message.frames[1].linear_velocity = [-s * radius * omega, c * radius * omega, 0.0];
-            scene.update(&message, &OBSERVER).unwrap();
+            update(&mut scene, &message).unwrap();
             if step > 100 {
                 let exact = DVec3::new(-c, -s, 0.0) * (radius * omega * omega);
                 let error = (scene.frames()[1].acceleration.linear - exact).length();
@@ -367,12 +395,59 @@ mod tests {
         }
         for _ in 0..2000 {
             message.time_ns += 2_000_000;
-            scene.update(&message, &OBSERVER).unwrap();
+            update(&mut scene, &message).unwrap();
         }
         assert_eq!(scene.frames()[1].acceleration.linear, DVec3::ZERO, "at a constant velocity");
         message.time_ns += 2_000_000;
         message.frames[1].linear_velocity = [1e6, 0.0, 0.0];
-        scene.update(&message, &OBSERVER).unwrap();
+        update(&mut scene, &message).unwrap();
         assert!(scene.frames()[1].acceleration.linear.length() < 30.0 + 1e-9);
+    }
+
+    /// A source of other frames and obstacles than those of `message`.
+    fn other(name: &str, obstacles: u32) -> TaskFrames {
+        let mut other = TaskFrames::of_source(name).unwrap();
+        other.obstacles = [message().obstacles[0]; OBSTACLE_CAPACITY];
+        (other.time_ns, other.obstacle_count) = (1, obstacles);
+        other
+    }
+
+    #[test]
+    fn frames_come_from_several_sources_and_obstacles_from_all_of_them() {
+        let (mut start, mut end) = (message(), other("camera", 2));
+        start.frame_count = 1;
+        (end.frame_count, end.frames[0]) = (1, message().frames[1]);
+        end.frames[0].position[0] = 0.5;
+        let mut scene = scene();
+        scene.update(&PublishedFrames::of(&[&start, &end], 1, 1), &OBSERVER).unwrap();
+        assert_eq!(scene.frames()[1].pose.position, DVec3::X * 0.5);
+        assert_eq!(scene.obstacles().len(), 3);
+        end.frame_count = 2;
+        end.frames[1] = message().frames[0];
+        let twice = scene.update(&PublishedFrames::of(&[&start, &end], 1, 1), &OBSERVER);
+        assert_eq!(twice, Err(Reason::FrameTwice));
+    }
+
+    #[test]
+    fn one_source_does_not_disturb_how_another_s_frames_accelerate() {
+        let (mut fast, slow) = (message(), other("slow", 0));
+        let mut scene = scene();
+        for step in 0..1000_u32 {
+            fast.time_ns = 1 + u64::from(step / 2) * 2_000_000;
+            fast.frames[1].linear_velocity[0] = f64::from(step / 2) * 2e-3;
+            let published = PublishedFrames::of(&[&fast, &slow], fast.time_ns, u64::MAX);
+            scene.update(&published, &OBSERVER).unwrap();
+        }
+        assert!((scene.frames()[1].acceleration.linear.x - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn obstacles_of_all_sources_together_are_at_most_as_many_as_are_carried() {
+        let (message, most) = (message(), OBSTACLE_CAPACITY as u32);
+        for (count, expected) in [(most - 1, Ok(())), (most, Err(Reason::ObstacleCount))] {
+            let other = other("tracker", count);
+            let published = PublishedFrames::of(&[&message, &other], 1, 1);
+            assert_eq!(scene().update(&published, &OBSERVER), expected);
+        }
     }
 }

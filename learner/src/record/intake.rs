@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3};
 use tprmp_messages::{
-    Frame, NAME_CAPACITY, QUATERNION_TOLERANCE, Reason, RobotState, TaskFrames, name_str,
+    Frame, NAME_CAPACITY, PublishedFrames, QUATERNION_TOLERANCE, Reason, RobotState, name_str,
 };
 use tprmp_model::skill_model::{FRAME_CAPACITY, Manifold};
 use tprmp_spatial::Pose;
@@ -13,7 +13,7 @@ pub(super) const GAP_MAX_NS: u64 = 100_000_000;
 /// is bounded.
 const STEP_MIN_NS: u64 = 400_000;
 /// Older frames are not used [ns].
-const FRAMES_AGE_MAX_NS: u64 = 1_000_000_000;
+pub(super) const FRAMES_AGE_MAX_NS: u64 = 1_000_000_000;
 /// How far a frame of a planar skill may lie off the plane [m]: files are written with six decimals.
 const OFF_PLANE_MAX_M: f64 = 5e-7;
 
@@ -107,6 +107,8 @@ pub(super) enum Unusable {
     Nothing,
     #[error("is not among the published frames")]
     Absent,
+    #[error("is published by two sources")]
+    Twice,
     #[error("is published as invalid")]
     Invalid,
     #[error("has a number that is not finite")]
@@ -137,7 +139,8 @@ pub(super) struct FramesIntake {
     names: Vec<[u8; NAME_CAPACITY]>,
     planar: bool,
     newest: Frames,
-    time_ns: u64,
+    /// When each of them was measured.
+    times_ns: [u64; FRAME_CAPACITY],
     published: Vec<[u8; NAME_CAPACITY]>,
 }
 
@@ -152,7 +155,7 @@ impl FramesIntake {
             names,
             planar: manifold == Manifold::R2,
             newest: NO_FRAMES,
-            time_ns: 0,
+            times_ns: [0; FRAME_CAPACITY],
             published: Vec::with_capacity(tprmp_messages::FRAME_CAPACITY),
         }
     }
@@ -163,21 +166,28 @@ impl FramesIntake {
         self.published.clear();
     }
 
-    /// Handles a message.
-    pub(super) fn update(&mut self, message: &TaskFrames) {
-        let frames = message.listed().unwrap_or(&message.frames);
-        for (newest, name) in self.newest.iter_mut().zip(&self.names) {
-            *newest = status(frames, name, self.planar);
+    /// Handles what all sources have published.
+    pub(super) fn update(&mut self, published: &PublishedFrames<'_>) {
+        for (i, name) in self.names.iter().enumerate() {
+            (self.newest[i], self.times_ns[i]) = match published.find(name) {
+                Ok(found) => (status(found.frame, self.planar), found.message.time_ns),
+                Err(Reason::FrameTwice) => (Err(Unusable::Twice), self.times_ns[i]),
+                Err(_) => (Err(Unusable::Absent), self.times_ns[i]),
+            };
         }
-        self.time_ns = message.time_ns;
         self.published.clear();
-        self.published.extend(frames.iter().map(|f| f.name));
+        let frames = published.messages().flat_map(|message| message.listed().unwrap_or(&[]));
+        self.published.extend(frames.map(|f| f.name));
     }
 
     /// The frames as they count for a state of this time [ns].
     pub(super) fn at(&self, state_ns: u64) -> Frames {
-        let stale = state_ns.saturating_sub(self.time_ns) > FRAMES_AGE_MAX_NS;
-        if stale { self.newest.map(|status| status.and(Err(Unusable::Stale))) } else { self.newest }
+        core::array::from_fn(|i| match self.newest[i] {
+            Ok(_) if state_ns.saturating_sub(self.times_ns[i]) > FRAMES_AGE_MAX_NS => {
+                Err(Unusable::Stale)
+            }
+            status => status,
+        })
     }
 
     /// Names of all published frames, for people.
@@ -188,8 +198,7 @@ impl FramesIntake {
     }
 }
 
-fn status(frames: &[Frame], name: &[u8; NAME_CAPACITY], planar: bool) -> FrameStatus {
-    let frame = Frame::find(frames, name).ok_or(Unusable::Absent)?;
+fn status(frame: &Frame, planar: bool) -> FrameStatus {
     frame.check_pose().map_err(|reason| match reason {
         Reason::FrameMissing => Unusable::Invalid,
         Reason::FrameNotFinite => Unusable::NotFinite,
@@ -211,7 +220,7 @@ fn status(frames: &[Frame], name: &[u8; NAME_CAPACITY], planar: bool) -> FrameSt
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tprmp_messages::name_bytes;
+    use tprmp_messages::{TaskFrames, name_bytes};
 
     fn state(sequence: u64, time_ns: u64) -> RobotState {
         RobotState { sequence, time_ns, joint_count: 2, ..Default::default() }
@@ -273,13 +282,23 @@ mod tests {
         good.frames[..2].copy_from_slice(&names.map(frame));
         let mut intake = FramesIntake::new(names.to_vec(), Manifold::R2);
         assert_eq!(intake.at(0), NO_FRAMES);
+        fn alone(message: &TaskFrames) -> PublishedFrames<'_> {
+            PublishedFrames::of(&[message], message.time_ns, FRAMES_AGE_MAX_NS)
+        }
         for (edit, expected) in cases {
             let mut message = good;
             edit(&mut message);
-            intake.update(&message);
+            intake.update(&alone(&message));
             assert_eq!(intake.at(5)[..3], [usable, expected, Err(Unusable::Nothing)]);
         }
-        intake.update(&good);
+        intake.update(&alone(&good));
+        let twice = [&good, &TaskFrames::of_source("other").unwrap()];
+        intake.update(&PublishedFrames::of(&twice, 5, FRAMES_AGE_MAX_NS));
+        assert_eq!(intake.at(5)[0], usable);
+        let twice = [&good, &TaskFrames { source: names[0], ..good }];
+        intake.update(&PublishedFrames::of(&twice, 5, FRAMES_AGE_MAX_NS));
+        assert_eq!(intake.at(5)[0], Err(Unusable::Twice));
+        intake.update(&alone(&good));
         assert_eq!(intake.at(5 + FRAMES_AGE_MAX_NS)[1], usable);
         assert_eq!(intake.at(6 + FRAMES_AGE_MAX_NS)[1], Err(Unusable::Stale));
         assert_eq!(intake.published(), "`start`, `end`");

@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 
 use tprmp_files::outln;
 use tprmp_messages::{
-    GripperState, Instance, OBSERVER_BUFFER, ObserverPorts, RobotState, name_bytes, stop_flag,
+    FrameSources, GripperState, Instance, OBSERVER_BUFFER, ObserverPorts, RobotState, name_bytes,
+    stop_flag,
 };
 use tprmp_model::controller_config;
 
@@ -14,7 +15,7 @@ use super::announcer::{Announcer, Status, View};
 use super::arm::{self, Arm};
 use super::error::RecordError;
 use super::folder::Folder;
-use super::intake::{Fault, FramesIntake, StateIntake};
+use super::intake::{FRAMES_AGE_MAX_NS, Fault, FramesIntake, StateIntake};
 use super::joint_noise::JointNoise;
 use super::options::Options;
 use super::recorder::{Event, Recorder};
@@ -72,6 +73,7 @@ pub fn record(options: &Options) -> Result<(), RecordError> {
         count: options.count.unwrap_or(u32::MAX),
         states: StateIntake::new(arm.joints()),
         joint_noise: JointNoise::default(),
+        sources: FrameSources::new(FRAMES_AGE_MAX_NS),
         frames: FramesIntake::new(names, skill.manifold),
         announcer: Announcer::new(&task, &options.instance),
         recorder: Recorder::new(task),
@@ -91,6 +93,7 @@ struct Session {
     arm: Box<dyn Arm>,
     states: StateIntake,
     joint_noise: JointNoise,
+    sources: FrameSources,
     frames: FramesIntake,
     recorder: Recorder,
     folder: Folder,
@@ -109,8 +112,8 @@ impl Session {
             for _ in 0..OBSERVER_BUFFER {
                 let Some(state) = ports.state.receive() else { break };
                 // After the state, so that the frames are at least as new.
-                if let Some(frames) = ports.frames.receive() {
-                    self.frames.update(&frames);
+                if self.sources.receive(&ports.frames, state.time_ns) {
+                    self.frames.update(&self.sources.at(state.time_ns));
                 }
                 last_state = Some(Instant::now());
                 gone = false;

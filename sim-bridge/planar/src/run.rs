@@ -509,7 +509,6 @@ fn seconds(ns: u64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tprmp_messages::LAYOUT;
 
     #[test]
     fn recorded_bytes_are_those_in_shared_memory() {
@@ -522,13 +521,14 @@ mod tests {
         let field = |name: &str, skip: usize| {
             let of =
                 |f: &&tprmp_messages::FieldLayout| f.message == "JointCommand" && f.field == name;
-            let offset = LAYOUT.iter().find(of).unwrap().offset + skip;
+            let offset = JointCommand::LAYOUT.fields.iter().find(of).unwrap().offset + skip;
             u64::from_ne_bytes(bytes[offset..offset + 8].try_into().unwrap())
         };
         assert_eq!(field("sequence", 0), 5);
         assert_eq!(f64::from_bits(field("velocity", 8)), 0.25);
         assert_eq!(f64::from_bits(field("gravity_torque", 56)), -1.5);
-        let offset = |name| LAYOUT.iter().find(|f| f.field == name).unwrap().offset;
+        let offset =
+            |name| JointCommand::LAYOUT.fields.iter().find(|f| f.field == name).unwrap().offset;
         assert_eq!(bytes[offset("reason")], 9);
     }
 }
