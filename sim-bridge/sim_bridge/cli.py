@@ -357,8 +357,8 @@ def _add_ur(commands: argparse._SubParsersAction) -> None:
         help="publish the state of a Universal Robots arm (not run on hardware yet)",
         description="Publishes the state of a Universal Robots arm (CB3 at 125 Hz, e-Series at "
         "500 Hz) and fixed task frames, and obeys commands by servoJ or speedJ. Commands that are "
-        "faster than --speed-fraction are refused. Exit code 0: a signal ended it; 2: bad input, or "
-        "the robot is gone.",
+        "faster than --speed-fraction are refused. Exit code 0: a signal ended it; 2: bad input, "
+        "or the robot is gone.",
     )
     usage = parser.format_help
     parser.format_help = lambda: f"{UR_WARNING}\n\n{usage()}"
@@ -436,7 +436,7 @@ def _add_ur_server(commands: argparse._SubParsersAction) -> None:
         "--seals",
         nargs=2,
         metavar=("FRAME", "HEIGHT_M"),
-        help="a vacuum at output 0 seals, which input 0 says, where the tip is HEIGHT_M above FRAME",
+        help="a vacuum at output 0 seals where the tip is HEIGHT_M above FRAME, as input 0 says",
     )
 
 

@@ -131,7 +131,8 @@ class Arm:
         return self.safety
 
     def _robot_status_bits(self) -> int:
-        return (self.mode != Mode.POWER_OFF) | self.playing << 1 | (self.mode == Mode.BACKDRIVE) << 2
+        powered, teaches = self.mode != Mode.POWER_OFF, self.mode == Mode.BACKDRIVE
+        return powered | self.playing << 1 | teaches << 2
 
     def _safety_status_bits(self) -> int:
         emergency = self.safety in (Safety.SYSTEM_EMERGENCY_STOP, Safety.ROBOT_EMERGENCY_STOP)
@@ -255,7 +256,10 @@ class Arm:
     ) -> Generator:
         """Servoes towards `q` for `t`; a and v are not used by a robot either."""
         if not (0.03 <= lookahead_time <= 0.2 and 100.0 <= gain <= 2000.0):
-            raise ScriptError("servoj: expected a lookahead_time of 0.03 to 0.2 s, a gain of 100 to 2000")
+            raise ScriptError(
+                "servoj: expected a lookahead_time of 0.03 to 0.2 s and a gain of 100 to 2000, "
+                f"found {lookahead_time:g} and {gain:g}"
+            )
         target, damping = self._joints(q), gain * lookahead_time
         for _ in self._slices(t):
             self._goal = lambda _dt: [

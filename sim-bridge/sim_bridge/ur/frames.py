@@ -1,6 +1,7 @@
 """The file of fixed task frames that a robot's publisher publishes.
 
-Poses are in B, the root link of the robot description: a UR's own `Base` is that turned by π about z.
+Poses are in B, the root link of the robot description. Where that is ROS' `base_link`, the `Base`
+of a UR's own pendant is turned against it by π about z.
 """
 
 from __future__ import annotations

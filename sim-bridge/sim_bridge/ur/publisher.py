@@ -1,7 +1,7 @@
 """A state publisher for Universal Robots: publishes what RTDE says, obeys by servoJ or speedJ.
 
-It begins slowly: a command with a joint faster than `speed_fraction` of the description's speeds is
-refused, and the arm brakes. The speed slider is left alone: servoJ does not keep its path behind it.
+It begins slowly: a command with a joint faster than `speed_fraction` of the description's speeds
+is refused, and the arm brakes. The speed slider is left alone: servoJ may leave its path behind it.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Options:
 
 
 class SlowGuard(CommandGuard):
-    """A guard that lets no joint be commanded faster than its speed bound, not even twice as fast."""
+    """A guard that lets no joint be commanded faster than its bound, not even twice as fast."""
 
     def _check_step(self, command: JointCommand, state: RobotState) -> CommandFault | None:
         for joint, most in enumerate(self._bounds.joints.speed_max):
@@ -145,8 +145,8 @@ def publish(options: Options) -> int:
         mode, stopped = first.judged()
         raise BridgeError(
             f"{options.host}: the robot is not ready (robot mode {first.mode}, safety mode "
-            f"{first.safety}: {mode.name}{', stopped' if stopped else ''}): power it on, release its "
-            "brakes and clear its stops on the pendant"
+            f"{first.safety}: {mode.name}{', stopped' if stopped else ''}): power it on, release "
+            "its brakes and clear its stops on the pendant"
         )
     publisher = Publisher(options, chain, first, fixed.message(first.q, chain))
     outputs = None if options.gripper_output is None else Outputs(options.host)
@@ -158,7 +158,8 @@ def publish(options: Options) -> int:
         finally:
             commander.close()
             robot.close()
-    print(f"commands with a fault: {counted({c.value: n for c, n in publisher.guard.counts.items()})}")
+    counts = {cause.value: count for cause, count in publisher.guard.counts.items()}
+    print(f"commands with a fault: {counted(counts)}")
     return 0
 
 
@@ -200,8 +201,8 @@ def _look_after(publisher: Publisher, sample: Sample, commander: Commander) -> N
         return
     if publisher.program_ran and not publisher.was_stopped:
         raise BridgeError(
-            f"{publisher.options.host}: the program on the robot has ended: somebody stopped it, or "
-            "its watchdog has; look at the pendant, then start this again"
+            f"{publisher.options.host}: the program on the robot has ended: somebody stopped it, "
+            "or its watchdog has; look at the pendant, then start this again"
         )
     if publisher.program_ran and sample.robot_time_s - publisher.asked_s > 1.0:
         publisher.asked_s = sample.robot_time_s
@@ -211,14 +212,14 @@ def _look_after(publisher: Publisher, sample: Sample, commander: Commander) -> N
 def _announce(options: Options, robot: Robot) -> None:
     print(
         f"instance {options.instance}: {options.host} at {1.0 / robot.period_s:.0f} Hz, "
-        f"{options.interface} interface; joints up to {100.0 * options.speed_fraction:g} % of their "
-        "speeds (--speed-fraction); waiting for a controller",
+        f"{options.interface} interface; joints up to {100.0 * options.speed_fraction:g} % of "
+        "their speeds (--speed-fraction); waiting for a controller",
         flush=True,
     )
     if robot.speed_slider < 1.0:
         print(
-            f"the speed slider stands at {100.0 * robot.speed_slider:.0f} %: servoJ does not keep to "
-            "its path then; this program and the controller bound the speed, set it to 100 %",
+            f"the speed slider stands at {100.0 * robot.speed_slider:.0f} %: servoJ may leave its "
+            "path then; this program and the controller bound the speed, set it to 100 %",
             file=sys.stderr,
             flush=True,
         )

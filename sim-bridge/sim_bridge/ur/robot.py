@@ -1,7 +1,7 @@
 """The connection to a robot by `ur_rtde`: states out of it, setpoints into it.
 
-Joint positions are in rad, velocities in rad/s. ur_rtde receives in a thread of its own and sends in
-calls that wait for the robot: setpoints therefore go through `Commander`, and the loop never waits.
+Joint positions are in rad, velocities in rad/s. ur_rtde receives in a thread of its own and sends
+in calls that wait for the robot: setpoints go through `Commander`, so that the loop never waits.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ IDLE_S = 0.02
 """How often a robot that is commanded nothing is sent a sign of life."""
 
 INSTALL = (
-    "the package ur_rtde is missing: `make venv` installs it where Python is 3.11, elsewhere "
-    "`pip install ur_rtde==1.6.5`"
+    "the package ur_rtde is missing: `make venv` installs it, or `pip install --require-hashes -r "
+    "sim-bridge/requirements-ur.txt`"
 )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 import selectors
 import socket
+import struct
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -101,7 +102,8 @@ class Server:
         due_s = time.monotonic()
         while not stopped():
             self.step()
-            due_s = max(due_s + self.arm.period_s, time.monotonic() - BEHIND_MAX * self.arm.period_s)
+            period_s = self.arm.period_s
+            due_s = max(due_s + period_s, time.monotonic() - BEHIND_MAX * period_s)
             while not stopped():
                 left_s = due_s - time.monotonic()
                 self.serve(max(0.0, left_s))
@@ -205,7 +207,7 @@ class Server:
     def _set_up_outputs(self, client: Client, content: bytes) -> bytes:
         if len(content) < 8:
             raise ProtocolError(f"an output recipe: expected 8 bytes or more, found {len(content)}")
-        frequency_hz = protocol.struct.unpack(">d", content[:8])[0]
+        frequency_hz = struct.unpack(">d", content[:8])[0]
         names = self._names(content[8:])
         kinds = [protocol.OUTPUTS.get(name, protocol.NOT_FOUND) for name in names]
         fits = 1.0 <= frequency_hz <= self.rate_hz and names

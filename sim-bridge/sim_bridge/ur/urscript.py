@@ -21,16 +21,15 @@ _OPENS = re.compile(r"(def|sec|thread|while|if)\b.*:$")
 _GOES_ON = re.compile(r"(elif\b.*|else\s*):$")
 _GLOBAL = re.compile(r"\bglobal\s+(\w+)\s*=")
 _VALUE_BELOW = re.compile(r"=[ \t]*(?:#.*)?\n[ \t]*([-\w.]+)[ \t]*(?=global\b|\n)")
-_KEYWORDS = "and break continue def elif else global if not or pass return while True False".split()
-_TAKEN = re.compile(
-    r'("[^"]*")|\b(' + "|".join(sorted(set(keyword.kwlist) - set(_KEYWORDS))) + r")\b"
-)
+_KEYWORDS = {"and", "break", "continue", "def", "elif", "else", "if", "not", "or"}
+_KEYWORDS |= {"global", "pass", "return", "while", "True", "False"}
+_TAKEN = re.compile(r'("[^"]*")|\b(' + "|".join(sorted(set(keyword.kwlist) - _KEYWORDS)) + r")\b")
 """Texts, and names that are keywords of Python only."""
 _NODES = (
     ast.Module, ast.FunctionDef, ast.arguments, ast.arg, ast.Return, ast.Assign, ast.While, ast.If,
     ast.Expr, ast.Pass, ast.Break, ast.Continue, ast.BoolOp, ast.BinOp, ast.UnaryOp, ast.Compare,
     ast.Call, ast.keyword, ast.Constant, ast.Name, ast.List, ast.Tuple, ast.Subscript, ast.Load,
-    ast.Store, ast.boolop, ast.operator, ast.unaryop, ast.cmpop,
+    ast.Store, ast.boolop, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Mod, ast.unaryop, ast.cmpop,
 )  # fmt: skip
 
 
@@ -93,7 +92,7 @@ class _Generators(ast.NodeTransformer):
     def __init__(self, globals_: set[str], waits: set[str]) -> None:
         self.globals_, self.waits = globals_, waits
 
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:  # noqa: N802
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
         self.generic_visit(node)
         names = self.globals_ - {argument.arg for argument in node.args.args}
         head = ast.parse("if False:\n    yield").body
@@ -102,20 +101,20 @@ class _Generators(ast.NodeTransformer):
         node.body = head + node.body
         return node
 
-    def visit_While(self, node: ast.While) -> ast.AST:  # noqa: N802
+    def visit_While(self, node: ast.While) -> ast.AST:
         self.generic_visit(node)
         node.body = ast.parse("count_iteration()").body + node.body
         return node
 
-    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:  # noqa: N802
+    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
         self.generic_visit(node)
         # `p[x, y, z, rx, ry, rz]` is a pose.
-        index = node.slice.value if isinstance(node.slice, ast.Index) else node.slice
+        index = node.slice
         if isinstance(index, ast.Tuple) and getattr(node.value, "id", "") == "p":
             return ast.List(index.elts, ast.Load())
         return node
 
-    def visit_Call(self, node: ast.Call) -> ast.AST:  # noqa: N802
+    def visit_Call(self, node: ast.Call) -> ast.AST:
         self.generic_visit(node)
         if not isinstance(node.func, ast.Name):
             raise ScriptError("only functions can be called")
