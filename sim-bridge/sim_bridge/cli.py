@@ -436,7 +436,8 @@ def _add_ur_server(commands: argparse._SubParsersAction) -> None:
         "--seals",
         nargs=2,
         metavar=("FRAME", "HEIGHT_M"),
-        help="a vacuum at output 0 seals where the tip is HEIGHT_M above FRAME, as input 0 says",
+        help="a vacuum at output 0 seals where the tip comes down to HEIGHT_M above FRAME, as "
+        "input 0 says",
     )
 
 

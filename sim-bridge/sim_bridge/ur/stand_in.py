@@ -11,14 +11,15 @@ import numpy as np
 
 from sim_bridge.errors import BridgeError
 from sim_bridge.kinematics import Chain, forward
-from sim_bridge.poses import Array, rotation_from_quaternion
+from sim_bridge.poses import rotation_from_quaternion
 from sim_bridge.services import StopSignal
 from sim_bridge.ur.arm import JOINTS, Arm
 from sim_bridge.ur.frames import FixedFrames, load_frames
 from sim_bridge.ur.server import Server
 
 RATES_HZ = {"cb3": 125.0, "e": 500.0}
-SEALS_WITHIN_M = 0.005
+BESIDE_MAX_M = 0.015
+TILT_MAX_RAD = math.radians(10.0)
 
 
 @dataclass(frozen=True)
@@ -35,26 +36,27 @@ class Options:
 def seal_rule(fixed: FixedFrames, name: str, height_m: float) -> Callable[[Arm], int]:
     """Digital input 0 of an arm whose output 0 switches a vacuum.
 
-    The cup seals while the vacuum is on and the tip within 5 mm of the point `height_m` above the
-    frame's origin, along its z; and holds until the vacuum is switched off.
+    The cup seals once it touches: while the vacuum is on, with the tip no higher than `height_m`
+    above the frame's origin along its z, no farther than 15 mm beside that axis, and tilted by less
+    than 10°. It holds until the vacuum is switched off.
     """
     chain: Chain = fixed.chain()
-    at: Array | None = None
-    for frame in fixed.frames:
-        if frame.name == name:
-            up = rotation_from_quaternion(np.array(frame.quaternion_wxyz))[:, 2]
-            at = np.array(frame.position_m) + height_m * up
-    if at is None:
+    found = [frame for frame in fixed.frames if frame.name == name]
+    if not found:
         known = ", ".join(frame.name for frame in fixed.frames) or "none"
         raise BridgeError(f"--seals: expected a frame of the scene ({known}), found `{name}`")
+    origin = np.array(found[0].position_m)
+    r_bo = rotation_from_quaternion(np.array(found[0].quaternion_wxyz))
 
     def rule(arm: Arm) -> int:
         if not arm.outputs & 1:
             return 0
         if arm.inputs & 1:
             return 1
-        tip = forward(chain, np.array(arm.actual_q))[:3, 3]
-        return int(np.linalg.norm(tip - at) <= SEALS_WITHIN_M)
+        x_be = forward(chain, np.array(arm.actual_q))
+        x, y, z = r_bo.T @ (x_be[:3, 3] - origin)
+        upright = -float(x_be[:3, 2] @ r_bo[:, 2]) > math.cos(TILT_MAX_RAD)
+        return int(z <= height_m and math.hypot(x, y) <= BESIDE_MAX_M and upright)
 
     return rule
 
