@@ -405,6 +405,12 @@ def test_the_help_says_first_that_no_hardware_was_seen(capsys):
     assert capsys.readouterr().out.startswith("Not run on hardware yet.\n")
 
 
+def test_a_missing_client_is_named_with_what_installs_it(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "rtde_receive", None)
+    assert main(["ur", "--host", "127.0.0.1", "--scene", str(FRAMES_FILE)]) == 2
+    assert "`make venv` installs it" in capsys.readouterr().err
+
+
 def gripper(served):
     """The gripper of the robot holds where its tip is on the box."""
     served.seal(seal_rule(load_frames(FRAMES_FILE), "object", BOX_HALF_HEIGHT_M))
