@@ -120,13 +120,7 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
         default=60.0,
         help="how long to wait for the controller's first command [s] (default: %(default)s)",
     )
-    parser.add_argument(
-        "--priority",
-        type=int,
-        metavar="N",
-        help="SCHED_FIFO priority of the real-time loop, 1 to 99, or 0 for normal scheduling "
-        "(default: 40 if this user may, normal scheduling otherwise)",
-    )
+    _add_priority(parser)
     parser.add_argument(
         "--record-commands",
         type=Path,
@@ -135,6 +129,16 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
     )
     _add_joints(parser)
     _add_force(parser, "another run's files")
+
+
+def _add_priority(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--priority",
+        type=int,
+        metavar="N",
+        help="SCHED_FIFO priority of the real-time loop, 1 to 99, or 0 for normal scheduling "
+        "(default: 40 if this user may, normal scheduling otherwise)",
+    )
 
 
 def _add_joints(parser: argparse.ArgumentParser) -> None:
@@ -368,6 +372,7 @@ def _add_ur(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--instance", default="default", help="name of the running system (default: %(default)s)"
     )
+    _add_priority(parser)
     parser.add_argument(
         "--speed-fraction",
         type=float,

@@ -23,6 +23,7 @@ from sim_bridge.messages import (
     TaskFrames,
     joint_names_hash,
 )
+from sim_bridge.priority import real_time
 from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
 from sim_bridge.ur.arm import JOINTS
 from sim_bridge.ur.frames import load_frames
@@ -49,6 +50,8 @@ class Options:
     acceleration_rad_s2: float
     gripper_output: int | None
     gripper_input: int | None
+    priority: int | None
+    """Of the loop: see `priority.real_time`."""
 
     def servo(self) -> Servo:
         """How setpoints are sent; raises `BridgeError` where an option is outside its range."""
@@ -135,6 +138,12 @@ class Publisher:
 def publish(options: Options) -> int:
     """Publishes a robot's states and obeys commands until a signal comes; gives the exit code."""
     servo = options.servo()
+    # Threads of the connections are started by this one, and have its priority.
+    with real_time(options.priority) as how:
+        return _publish(options, servo, how)
+
+
+def _publish(options: Options, servo: Servo, how: str) -> int:
     fixed = load_frames(options.scene)
     chain = fixed.chain()
     if chain.joint_count != JOINTS:
@@ -153,7 +162,7 @@ def publish(options: Options) -> int:
     with StopSignal() as stop, StatePublisherPorts(Instance(options.instance)) as ports:
         commander = Commander(robot, servo)
         try:
-            _announce(options, robot)
+            _announce(options, robot, how)
             _loop(publisher, robot, commander, outputs, ports, stop)
         finally:
             commander.close()
@@ -209,9 +218,9 @@ def _look_after(publisher: Publisher, sample: Sample, commander: Commander) -> N
         commander.restart()
 
 
-def _announce(options: Options, robot: Robot) -> None:
+def _announce(options: Options, robot: Robot, how: str) -> None:
     print(
-        f"instance {options.instance}: {options.host} at {1.0 / robot.period_s:.0f} Hz, "
+        f"instance {options.instance}: {options.host} at {1.0 / robot.period_s:.0f} Hz, {how}, "
         f"{options.interface} interface; joints up to {100.0 * options.speed_fraction:g} % of "
         "their speeds (--speed-fraction); waiting for a controller",
         flush=True,

@@ -23,8 +23,8 @@ from sim_bridge.ur.protocol import Kind, ProtocolError, Recipe
 RTDE_PORT = 30004
 SCRIPT_PORTS = (30001, 30002, 30003)
 DASHBOARD_PORT = 29999
-BEHIND_MAX = 25
-"""So many steps are caught up with; what the machine was late by beyond is left out."""
+BEHIND_MAX_S = 0.02
+"""So much is caught up with; what the machine was late by beyond is left out [s]."""
 UNSENT_MAX = 1 << 20
 """A client that leaves more than this unread is let go [bytes]."""
 VERSIONS = {125: (3, 15, 8, 106339), 500: (5, 12, 6, 1102099)}
@@ -103,7 +103,7 @@ class Server:
         while not stopped():
             self.step()
             period_s = self.arm.period_s
-            due_s = max(due_s + period_s, time.monotonic() - BEHIND_MAX * period_s)
+            due_s = max(due_s + period_s, time.monotonic() - BEHIND_MAX_S)
             while not stopped():
                 left_s = due_s - time.monotonic()
                 self.serve(max(0.0, left_s))
