@@ -30,6 +30,7 @@ from sim_bridge.messages import (
     read_name,
 )
 from sim_bridge.poses import pose, rotation_from_quaternion, vector_from_rotation
+from sim_bridge.priority import real_time
 from sim_bridge.services import Instance
 from sim_bridge.ur.arm import Arm, Mode, Safety
 from sim_bridge.ur.frames import load_frames
@@ -55,10 +56,12 @@ class Served:
         self._ends = threading.Event()
         self._server = Server(host, self.arm)
         self._rule, self.arm.rule = None, self._record
-        self._thread = threading.Thread(
-            target=self._server.run, args=(self._ends.is_set,), daemon=True
-        )
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
+
+    def _run(self):
+        with real_time(None):
+            self._server.run(self._ends.is_set)
 
     def seal(self, rule):
         self._rule = rule

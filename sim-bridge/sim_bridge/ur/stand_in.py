@@ -12,6 +12,7 @@ import numpy as np
 from sim_bridge.errors import BridgeError
 from sim_bridge.kinematics import Chain, forward
 from sim_bridge.poses import rotation_from_quaternion
+from sim_bridge.priority import real_time
 from sim_bridge.services import StopSignal
 from sim_bridge.ur.arm import JOINTS, Arm
 from sim_bridge.ur.frames import FixedFrames, load_frames
@@ -75,9 +76,10 @@ def stand_in(options: Options) -> int:
         except ValueError as error:
             raise BridgeError(f"--seals: expected a height [m], found `{height}`") from error
         arm.rule = seal_rule(load_frames(options.scene), name, height_m)
-    with StopSignal() as stop, Server(options.host, arm) as server:
+    with StopSignal() as stop, Server(options.host, arm) as server, real_time(None) as how:
         print(
-            f"{options.host}: stands in for a UR at {server.rate_hz} Hz; Ctrl-C ends it", flush=True
+            f"{options.host}: stands in for a UR at {server.rate_hz} Hz, {how}; Ctrl-C ends it",
+            flush=True,
         )
         server.run(lambda: stop.requested)
     for message in arm.messages:
