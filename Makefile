@@ -39,7 +39,7 @@ build:
 
 venv: $(VENV)/ready
 
-$(VENV)/ready: sim-bridge/requirements.txt sim-bridge/pyproject.toml
+$(VENV)/ready: sim-bridge/requirements.txt sim-bridge/requirements-ur.txt sim-bridge/pyproject.toml
 	@echo '== setting up Python in $(VENV)'
 	@$(PYTHON) --version > /dev/null || { echo '`$(PYTHON)` does not run: make PYTHON=/path/to/python3.11 names another'; exit 1; }
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
@@ -47,7 +47,7 @@ $(VENV)/ready: sim-bridge/requirements.txt sim-bridge/pyproject.toml
 	    f"`$(PYTHON)` is Python {v[0]}.{v[1]}. Install one of them, or name it: make PYTHON=/path/to/python3.11")'
 	$(PYTHON) -m venv --clear $(VENV)
 	$(VENV)/bin/python -m pip install --disable-pip-version-check --require-hashes --only-binary :all: \
-	    -r sim-bridge/requirements.txt
+	    -r sim-bridge/requirements.txt -r sim-bridge/requirements-ur.txt
 	$(VENV)/bin/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation -e sim-bridge
 	@touch $@
 

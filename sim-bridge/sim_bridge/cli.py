@@ -19,6 +19,7 @@ from sim_bridge.files import StandardStreams, printable
 if TYPE_CHECKING:
     from sim_bridge.joints import Joints
 
+UR_WARNING = "Not run on hardware yet."
 PYTHON_MIN = (3, 9)
 PYTHON_END = (3, 12)
 
@@ -72,7 +73,16 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for add in (_add_run, _add_record, _add_command, _add_report, _add_fit, _add_experiments):
+    for add in (
+        _add_run,
+        _add_record,
+        _add_command,
+        _add_report,
+        _add_fit,
+        _add_experiments,
+        _add_ur,
+        _add_ur_server,
+    ):
         add(commands)
     return parser
 
@@ -110,13 +120,7 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
         default=60.0,
         help="how long to wait for the controller's first command [s] (default: %(default)s)",
     )
-    parser.add_argument(
-        "--priority",
-        type=int,
-        metavar="N",
-        help="SCHED_FIFO priority of the real-time loop, 1 to 99, or 0 for normal scheduling "
-        "(default: 40 if this user may, normal scheduling otherwise)",
-    )
+    _add_priority(parser)
     parser.add_argument(
         "--record-commands",
         type=Path,
@@ -125,6 +129,16 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
     )
     _add_joints(parser)
     _add_force(parser, "another run's files")
+
+
+def _add_priority(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--priority",
+        type=int,
+        metavar="N",
+        help="SCHED_FIFO priority of the real-time loop, 1 to 99, or 0 for normal scheduling "
+        "(default: 40 if this user may, normal scheduling otherwise)",
+    )
 
 
 def _add_joints(parser: argparse.ArgumentParser) -> None:
@@ -339,6 +353,112 @@ def _experiments(parsed: argparse.Namespace) -> int:
     _check_whole("--workers", parsed.workers, 1)
     parsed.controller = parsed.controller.resolve()
     return experiments(_options(Settings, parsed))
+
+
+def _add_ur(commands: argparse._SubParsersAction) -> None:
+    parser = commands.add_parser(
+        "ur",
+        help="publish the state of a Universal Robots arm (not run on hardware yet)",
+        description="Publishes the state of a Universal Robots arm (CB3 at 125 Hz, e-Series at "
+        "500 Hz) and fixed task frames, and obeys commands by servoJ or speedJ. Commands that are "
+        "faster than --speed-fraction are refused. Exit code 0: a signal ended it; 2: bad input, "
+        "or the robot is gone.",
+    )
+    usage = parser.format_help
+    parser.format_help = lambda: f"{UR_WARNING}\n\n{usage()}"
+    parser.set_defaults(action=_ur)
+    parser.add_argument("--host", required=True, help="address of the robot, e.g. 192.168.0.10")
+    _add_frames(parser, required=True)
+    parser.add_argument(
+        "--instance", default="default", help="name of the running system (default: %(default)s)"
+    )
+    _add_priority(parser)
+    parser.add_argument(
+        "--speed-fraction",
+        type=float,
+        default=0.2,
+        help="greatest joint speeds, of the description's (default: %(default)s); begin with this, "
+        "and raise `velocity_fraction` of the controller's configuration only with it",
+    )
+    parser.add_argument(
+        "--interface",
+        default="position",
+        metavar="position|velocity",
+        help="servoJ or speedJ (default: %(default)s)",
+    )
+    for option, default, what in (
+        ("--lookahead-s", 0.1, "lookahead_time of servoJ, 0.03 to 0.2 [s]"),
+        ("--gain", 300.0, "gain of servoJ, 100 to 2000"),
+        ("--acceleration-rad-s2", 10.0, "of speedJ and of stops [rad/s²]"),
+    ):
+        parser.add_argument(
+            option, type=float, default=default, help=f"{what} (default: %(default)s)"
+        )
+    for option, what in (
+        ("--gripper-output", "digital output that grips; without it there is no gripper"),
+        ("--gripper-input", "digital input that says that something is held; without it, what "
+         "grips is taken to hold"),
+    ):  # fmt: skip
+        parser.add_argument(
+            option, type=int, metavar="N", help=f"{what} (0 to 7 standard, 8 and 9 of the tool)"
+        )
+
+
+def _ur(parsed: argparse.Namespace) -> int:
+    from sim_bridge.ur.publisher import Options, publish
+
+    print(UR_WARNING, file=sys.stderr, flush=True)
+    return publish(_options(Options, parsed))
+
+
+def _add_ur_server(commands: argparse._SubParsersAction) -> None:
+    parser = commands.add_parser(
+        "ur-server",
+        help="stand in for a Universal Robots arm, to try `ur` without one",
+        description="Answers at the ports of a Universal Robots arm (RTDE 30004, scripts 30001 to "
+        "30003, dashboard 29999), with joints that move like servos and no masses.",
+    )
+    parser.set_defaults(action=_ur_server)
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="address to listen at (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--series",
+        choices=("cb3", "e"),
+        default="e",
+        help="125 or 500 states a second (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--home-rad",
+        type=float,
+        nargs=6,
+        default=[-2.7416, -1.5708, 1.5708, -1.5708, -1.5708, 0.4],
+        metavar="Q",
+        help="where the joints are at the start [rad] (default: as in config/scenes/pick.json)",
+    )
+    _add_frames(parser, required=False)
+    parser.add_argument(
+        "--seals",
+        nargs=2,
+        metavar=("FRAME", "HEIGHT_M"),
+        help="a vacuum at output 0 seals where the tip comes down to HEIGHT_M above FRAME, as "
+        "input 0 says",
+    )
+
+
+def _ur_server(parsed: argparse.Namespace) -> int:
+    from sim_bridge.ur.stand_in import Options, stand_in
+
+    return stand_in(_options(Options, parsed))
+
+
+def _add_frames(parser: argparse.ArgumentParser, *, required: bool) -> None:
+    parser.add_argument(
+        "--scene",
+        type=Path,
+        required=required,
+        help="file of fixed task frames, e.g. config/scenes/pick_ur5.json",
+    )
 
 
 def _add_scene(parser: argparse.ArgumentParser) -> None:

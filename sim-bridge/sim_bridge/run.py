@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import gc
 import math
-import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -46,6 +45,7 @@ from sim_bridge.messages import (
     write_name,
 )
 from sim_bridge.poses import Array, quaternion_from_rotation
+from sim_bridge.priority import real_time
 from sim_bridge.scene import Episode, Scene, draw_episode
 from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
 from sim_bridge.world import World
@@ -54,8 +54,6 @@ LOCKSTEP_EPOCH_NS = 1_000_000_000
 LOCKSTEP_WAIT_S = 10.0
 POLL_SPIN_S = 200e-6
 POLL_SLEEP_S = 50e-6
-PRIORITY_DEFAULT = 40
-"""SCHED_FIFO priority of the loop in real time: below a controller's."""
 DONE_WAIT_S = 2.0
 """How long a held, lifted box waits for the controller to call itself done, in real time."""
 LOST_AFTER_S = 5.0
@@ -493,28 +491,11 @@ def _priority(options: Options) -> Iterator[str]:
 
     Lockstep polls: at a real-time priority it would starve whom it waits for.
     """
-    wanted = PRIORITY_DEFAULT if options.priority is None else options.priority
     if options.lockstep:
         yield "in lockstep"
         return
-    if wanted == 0:
-        yield "normal scheduling"
-        return
-    before = os.sched_getscheduler(0), os.sched_getparam(0)
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(wanted))
-    except (OSError, ValueError) as error:
-        if options.priority is None:
-            yield "normal scheduling (no right to SCHED_FIFO: expect slips on a busy machine)"
-            return
-        raise BridgeError(
-            f"--priority {wanted}: not allowed ({error}): expected 1 to 99 and the right to "
-            "real-time scheduling (root, CAP_SYS_NICE or an rtprio limit); 0 goes on without"
-        ) from error
-    try:
-        yield f"SCHED_FIFO {wanted}"
-    finally:
-        os.sched_setscheduler(0, *before)
+    with real_time(options.priority) as how:
+        yield how
 
 
 def _finish(this: Run, outcome: Outcome, grasp: Array) -> int:

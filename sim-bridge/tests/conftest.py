@@ -38,3 +38,10 @@ def scene_values() -> dict:
 def instance_name(request) -> str:
     """A name of shared memory that no other test has."""
     return f"bridge-{os.getpid()}-{abs(hash(request.node.name)) % 10**6}"
+
+
+@pytest.fixture
+def ur_host(request) -> str:
+    """An address of this machine that no other test listens at: a UR's ports are fixed."""
+    number = os.getpid() * 1000 + abs(hash(request.node.name)) % 1000
+    return f"127.{64 + number // 62500 % 128}.{1 + number // 250 % 250}.{1 + number % 250}"
