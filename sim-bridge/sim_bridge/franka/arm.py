@@ -107,7 +107,8 @@ class Arm:
 
     def read(self) -> tuple[object, float]:
         """The next state, and the robot's time since the one before [s]."""
-        return self._control.readOnce()
+        state, period = self._control.readOnce()
+        return state, period.to_sec()
 
     def look(self) -> object:
         """The next state of an arm that is not controlled."""

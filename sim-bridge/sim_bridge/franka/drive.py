@@ -155,7 +155,7 @@ class Driver:
             action = Action(False, action.position, action.velocity)
         self.counts.obeyed += action.obey
         self.counts.braked += not action.obey
-        if self.hand is not None:
+        if self.hand is not None and self.guard.command.sequence > 0:
             self.hand.command(self.guard.gripper)
         return action
 

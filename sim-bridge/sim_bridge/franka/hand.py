@@ -32,7 +32,7 @@ class Hand:
 
     def __init__(self, address: str, grasp: Grasp) -> None:
         context = multiprocessing.get_context("spawn")
-        self._wanted = context.RawValue("i", GripperCommand.RELEASE)
+        self._wanted = context.RawValue("i", -1)
         self._state = context.RawValue("i", -1)
         self._process = context.Process(
             target=_serve, args=(address, grasp, self._wanted, self._state), daemon=True
@@ -70,9 +70,7 @@ def _serve(address: str, grasp: Grasp, wanted: object, state: object) -> None:
     import pylibfranka
 
     hand = pylibfranka.Gripper(address)
-    sensed = hand.read_once()
-    # What is held at the start is kept until somebody asks for something else.
-    done = wanted.value = GripperCommand.GRIP if sensed.is_grasped else GripperCommand.RELEASE
+    done = -1
     while os.getppid() == parent:
         sensed = hand.read_once()
         holds = sensed.is_grasped and sensed.width > CLOSED_M
