@@ -17,7 +17,7 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 from franky_sim import SimulationServer
-from franky_sim.franka_robot_protocol import MoveStatus, RobotCommand, RobotMode
+from franky_sim.franka_robot_protocol import MoveStatus, RobotCommand, RobotMode, UDPCommand
 from franky_sim.franka_server import BaseCommand
 from franky_sim.mujoco_simulator import MujocoSimulator
 
@@ -39,10 +39,11 @@ class Watched:
         handle = self.arm._handle_udp_command
 
         def received(data: bytes) -> None:
-            self.arrived += 1
+            command = UDPCommand.from_bytes(data)
+            self.commands.append([command.message_id, *command.q_c, *command.tau_J_d])
             handle(data)
 
-        self.arrived = 0
+        self.commands: list[list[float]] = []
         self.arm._handle_udp_command = received
         state = type(self.arm).robot_state
         watched = self
@@ -64,14 +65,16 @@ class Watched:
 
     def step(self) -> None:
         """One millisecond."""
-        self.arrived = 0
+        arrived = len(self.commands)
         moves = self.arm.current_motion_id > 0
         self.latest = None
         self.server.run_once(realtime=False)
         if self.latest is None:
             return
         state = self.latest
-        self.rows.append([self.arrived, moves, *state.tau_J_d, *state.q_d, *state.q, *state.dq])
+        self.rows.append(
+            [len(self.commands) - arrived, moves, *state.tau_J_d, *state.q_d, *state.q, *state.dq]
+        )
 
     def end_motion(self) -> None:
         """Ends the motion as the arm does after a reflex."""
@@ -87,8 +90,8 @@ class Watched:
 
     def save(self, file: str) -> None:
         """Writes down what was seen: the file is there whole or not at all."""
-        np.save(f"{file}.tmp.npy", np.array(self.rows))
-        os.rename(f"{file}.tmp.npy", file)
+        np.savez(f"{file}.tmp.npz", rows=np.array(self.rows), commands=np.array(self.commands))
+        os.rename(f"{file}.tmp.npz", file)
 
 
 def main() -> None:

@@ -170,7 +170,7 @@ class Driver:
             if obeys:
                 reference.follow(action.position, action.velocity, steps)
             else:
-                reference.brake(steps)
+                reference.brake(state.q, state.dq, steps)
             return reference.position
         if obeys:
             self.brake.release()

@@ -111,29 +111,43 @@ class PositionReference:
         self.position = list(position_rad)
         self.velocity = [0.0] * JOINTS
         self._acceleration = [0.0] * JOINTS
+        self._rest: list[float] | None = None
 
     def follow(self, position: Sequence[float], velocity: Sequence[float], steps: int) -> None:
         """Goes on for `steps` milliseconds towards setpoints [rad] and [rad/s]."""
+        self._rest = None
+        self._towards(position, velocity, steps)
+
+    def brake(self, q: Sequence[float], dq: Sequence[float], steps: int) -> None:
+        """Goes on for `steps` milliseconds towards rest, for an arm at `q` [rad] and `dq` [rad/s].
+
+        A reference in motion is ahead of the arm by its servo's lag: it returns to where the arm
+        can come to rest. One that stands still stays, so that a load does not drag it along.
+        """
+        if self._rest is None:
+            self._rest = list(self.position)
+            if not self.rests:
+                self._rest = [p + v * abs(v) / (2.0 * BRAKE_RAD_S2) for p, v in zip(q, dq)]
+        self._towards(self._rest, [0.0] * JOINTS, steps)
+
+    def _towards(self, position: Sequence[float], velocity: Sequence[float], steps: int) -> None:
         for joint in range(JOINTS):
             for _ in range(steps):
                 away = position[joint] - self.position[joint]
-                slower = velocity[joint] - self.velocity[joint]
-                wanted = FOLLOW_1_S * (FOLLOW_1_S * away + 2.0 * slower)
-                self._step(joint, wanted, RESERVE * ACCELERATION_MAX_RAD_S2)
+                # From far away no faster than it can brake again.
+                most = math.sqrt(BRAKE_RAD_S2 * abs(away))
+                closing = min(max(0.5 * FOLLOW_1_S * away, -most), most)
+                self._step(joint, velocity[joint] + closing)
 
-    def brake(self, steps: int) -> None:
-        """Goes on for `steps` milliseconds towards rest."""
-        for joint in range(JOINTS):
-            for _ in range(steps):
-                self._step(joint, -FOLLOW_1_S * self.velocity[joint], BRAKE_RAD_S2)
-
-    def _step(self, joint: int, wanted: float, acceleration_max: float) -> None:
+    def _step(self, joint: int, velocity: float) -> None:
+        """One millisecond, in which the joint tends to a velocity [rad/s]."""
         q, v = self.position[joint], self.velocity[joint]
         slowest, fastest = speed_bounds(self._chain, joint, q)
-        # Towards a bound of the speed only as fast as the jerk lets it level off.
-        wanted = min(wanted, FOLLOW_1_S * (self._speed_fraction * fastest - v))
-        wanted = max(wanted, FOLLOW_1_S * (self._speed_fraction * slowest - v))
-        wanted = min(max(wanted, -acceleration_max), acceleration_max)
+        velocity = min(
+            max(velocity, self._speed_fraction * slowest), self._speed_fraction * fastest
+        )
+        most = RESERVE * ACCELERATION_MAX_RAD_S2
+        wanted = min(max(2.0 * FOLLOW_1_S * (velocity - v), -most), most)
         jerk = RESERVE * JERK_MAX_RAD_S3 * STEP_S
         before = self._acceleration[joint]
         self._acceleration[joint] = min(max(wanted, before - jerk), before + jerk)
