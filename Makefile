@@ -131,6 +131,10 @@ soak: seed build
 	    --minutes $(MINUTES) --seed $(SEED) --out target/soak -- \
 	    $(BIN)/planar-sim run --seed {seed} --out target/soak/run --instance soak --force
 
+franka-soak: seed venv-franka build
+	PYTHONPATH=sim-bridge $(VENV_FRANKA)/bin/python sim-bridge/tests/franka_soak.py --minutes $(MINUTES) --seed $(SEED) \
+	    --interface $(or $(INTERFACE),torque)
+
 hostile:
 	TPRMP_HOSTILE_MESSAGES=$(MESSAGES) $(CARGO) test --release --locked -p tprmp-controller --test hostile
 

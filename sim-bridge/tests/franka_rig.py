@@ -11,11 +11,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from conftest import ROOT
 
 from sim_bridge.messages import CommandMode, JointCommand, RobotState
 from sim_bridge.services import Instance, _Ports, _receive
 
+ROOT = Path(__file__).resolve().parents[2]
 CONTROLLER = ROOT / "target" / "release" / "controller"
 LEARNER = ROOT / "target" / "release" / "learner"
 PYTHON = ROOT / "target" / "venv-franka" / "bin" / "python"
@@ -124,6 +124,12 @@ class Rig:
         return process.wait(PATIENCE_S)
 
     def close(self) -> None:
+        """Ends what still runs; what all have said is printed, for tests that fail."""
+        for log in sorted(self.folder.glob("*.log")):
+            print(f"{log.name}:\n{log.read_text()}")
+        self.end_all()
+
+    def end_all(self) -> None:
         """Ends what still runs."""
         for process in self.processes:
             if process.poll() is None:

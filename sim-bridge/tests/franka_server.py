@@ -68,7 +68,8 @@ class Commands:
         values, largest = np.array(self.positions), []
         for _ in range(len(times) - 1):
             values = np.diff(values, axis=0) / np.diff(times)[:, None]
-            times = times[1:]
+            # Differences belong to the middle, which matters where a state was lost.
+            times = 0.5 * (times[1:] + times[:-1])
             largest.append(float(np.max(np.abs(values[-1]))))
         speed, acceleration, jerk = [*largest, 0.0, 0.0, 0.0][:3]
         self.speed = max(self.speed, speed)

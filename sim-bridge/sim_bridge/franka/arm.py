@@ -14,6 +14,8 @@ COLLISION_TORQUE_N_M = (20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0)
 COLLISION_FORCE_N = (20.0, 20.0, 20.0, 25.0, 25.0, 25.0)
 """Beyond these external torques [N m], and forces and torques of the tool [N] and [N m], the arm
 stops by a reflex; those of libfranka's examples."""
+RECOVERY_STATES_MAX = 1000
+"""How many states a confirmed reflex may still be reported in: a second of them."""
 GRAVITY_M_S2 = (0.0, 0.0, -9.81)
 
 
@@ -81,7 +83,11 @@ class Arm:
         state = self.robot.read_once()
         if recover and self.mode(state) == RobotMode.PROTECTIVE_STOP:
             self._ask(self.robot.automatic_error_recovery)
-            state = self.robot.read_once()
+            # States from before may still be on their way.
+            for _ in range(RECOVERY_STATES_MAX):
+                state = self.robot.read_once()
+                if self.mode(state) == RobotMode.RUNNING:
+                    break
         mode = self.mode(state)
         if mode != RobotMode.RUNNING:
             raise BridgeError(

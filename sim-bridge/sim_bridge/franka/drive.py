@@ -212,10 +212,11 @@ class Driver:
             self.cell.chain, start.q_d, 1.0 if self.options.full_speed else SLOW_FRACTION
         )
 
-    def drive(self, ports: StatePublisherPorts, stop: StopSignal) -> int:
-        """Moves the arm until a signal; gives the exit code."""
+    def drive(self, ports: StatePublisherPorts, stop: StopSignal, how: str) -> int:
+        """Moves the arm until a signal; gives the exit code. `how` the loop is scheduled."""
         try:
             self.begin()
+            _say_begin(self.options, how)
             while not stop.requested:
                 self.tick(ports)
             self.ramp_down(ports)
@@ -279,8 +280,7 @@ def run(options: Options) -> int:
             StatePublisherPorts(Instance(options.instance)) as ports,
             _scheduled(options.priority) as how,
         ):
-            _say_begin(options, how)
-            return driver.drive(ports, stop)
+            return driver.drive(ports, stop, how)
     except RuntimeError as error:
         raise BridgeError(
             f"the connection to the arm at {options.address} is lost ({error}): it brakes by "
