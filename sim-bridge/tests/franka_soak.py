@@ -1,8 +1,7 @@
-"""The long form of the tests of the Franka arm: the skill and commands from outside
-move it in turn, for minutes.
+"""The long form of the tests of the Franka arm: for minutes it goes to its goal and away again.
 
-Prints what came of it and writes it to FOLDER/soak.json. Exit code 0: no reflex, and no command
-beyond what an arm accepts; 1: otherwise.
+The skill moves it, and in turn commands from outside. Prints what came of it and writes it to
+FOLDER/soak.json. Exit code 0: no reflex, and no command beyond what an arm accepts; 1: otherwise.
 """
 
 import argparse
