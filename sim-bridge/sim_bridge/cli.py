@@ -320,6 +320,7 @@ def _add_franka(commands: argparse._SubParsersAction) -> None:
 def _franka(parsed: argparse.Namespace) -> int:
     from sim_bridge.franka.drive import Options, run
 
+    _check_whole("--priority", parsed.priority, 0)
     return run(_options(Options, parsed))
 
 

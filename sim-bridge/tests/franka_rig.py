@@ -82,6 +82,12 @@ class Rig:
         self.server = self.start(*server)
         self.wait_said("server", "ready")
 
+    def serve_as_installed(self) -> None:
+        """Starts franky-sim as its own command does."""
+        server = (PYTHON, "-u", "-m", "franky_sim.run_server", "-s", "mujoco")
+        self.server = self.start("server", *server, "--hostname", self.address)
+        self.wait_said("server", "Press Ctrl+C")
+
     def publish(self, interface: str, *options: object, name: str = "publisher") -> object:
         """Starts the state publisher, and waits until it moves the arm."""
         publisher = self.begin(interface, *options, name=name)

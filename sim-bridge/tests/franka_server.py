@@ -163,6 +163,7 @@ class Watched:
         np.savez(
             f"{file}.tmp.npz",
             rows=rows,
+            tool=np.array(self.latest.O_T_EE).reshape((4, 4), order="F"),
             torque_step=self.torque_step,
             start=commands.start,
             speed=commands.speed,

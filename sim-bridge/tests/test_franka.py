@@ -76,7 +76,7 @@ def chain():
 
 
 @BOTH
-def test_the_conformance_kit_passes(rig, interface, tmp_path):
+def test_the_conformance_kit_passes(rig, interface, chain, tmp_path):
     """States agree with their positions, each joint follows; expired and stopped it brakes."""
     rig.serve()
     publisher = rig.publish(interface)
@@ -88,6 +88,8 @@ def test_the_conformance_kit_passes(rig, interface, tmp_path):
     seen = rig.seen()
     check_accepted(seen)
     assert seen["moves"][-1], "the arm is controlled to the end"
+    # The simulator's kinematics are Pinocchio's, of the manufacturer's description.
+    assert np.abs(forward(chain, seen["q"][-1]) - seen["tool"]).max() < 1e-5
     assert rig.end(publisher) == 0, rig.said("publisher")
     summary = json.loads((tmp_path / "publisher.json").read_text())
     assert summary["reflexes"] == 0
@@ -170,6 +172,18 @@ def test_a_killed_controller_leaves_the_arm_at_rest(rig, interface, model, tmp_p
     check_rests(rig)
     check_accepted(rig.seen())
     assert rig.end(publisher) == 0, rig.said("publisher")
+
+
+@BOTH
+def test_franky_sim_as_it_is_installed_is_moved(rig, interface):
+    rig.serve_as_installed()
+    publisher = rig.publish(interface)
+    with Commander(rig) as commander:
+        before = commander.state().position[0]
+        commander.move(0, 0.2, 1.0)
+        assert commander.state().position[0] > before + 0.05
+    assert rig.end(publisher) == 0, rig.said("publisher")
+    assert json.loads((rig.folder / "publisher.json").read_text())["reflexes"] == 0
 
 
 def test_a_simulator_that_is_gone_is_an_error(rig):

@@ -55,6 +55,8 @@ ANSWER_S = 300e-6
 RESUME_S = 0.5
 """How far ahead of the arm positions may begin: what a lag of 0.1 s and the controller's reference
 behind it ask for."""
+STEPS_MAX = 100
+"""More milliseconds are not made up for: an arm has ended the motion after twenty."""
 STOP_TICKS_MAX = 1000
 """A stop is a ramp to rest, of at most a second."""
 IDLE_TICKS = 100
@@ -186,6 +188,7 @@ class Driver:
         counts.states += 1
         counts.states_lost += steps - 1
         counts.states_lost_in_a_row_max = max(counts.states_lost_in_a_row_max, steps - 1)
+        steps = min(steps, STEPS_MAX)
         if counts.states > 100:
             rate = state.control_command_success_rate
             counts.success_rate_min = min(counts.success_rate_min, rate)
@@ -305,6 +308,8 @@ def _say_begin(options: Options, how: str) -> None:
 
 def _finish(driver: Driver, options: Options) -> None:
     counts, guard, slow = driver.counts, driver.guard, driver.slow
+    if counts.states == 0:
+        return
     mean = counts.success_rate_sum / max(counts.states - 100, 1)
     faults = {cause.value: count for cause, count in guard.counts.items()}
     print(
