@@ -9,7 +9,6 @@ down what was seen so far.
 """
 
 import argparse
-import contextlib
 import os
 import sys
 import threading
@@ -33,7 +32,6 @@ LATE_MAX_S = 0.02
 """What is later than this is not caught up with."""
 ERROR_JOINT_REFLEX = 6
 """Index of `joint_reflex` in libfranka's list of errors."""
-NICE = -15
 ROWS = 90_000
 """Newest milliseconds that are kept."""
 COLUMNS = 2 + 4 * 7 + 3
@@ -206,9 +204,6 @@ def main() -> None:
         simulator.add_robot(initial_q=options.initial_q)
         with SimulationServer(simulator, hostname_candidates=[options.hostname]) as server:
             watched = Watched(server, simulator.data.body("box") if options.box else None)
-            with contextlib.suppress(PermissionError):
-                # An arm does not wait for other programs; whoever may not ask for that does.
-                os.nice(NICE)
             print("ready", flush=True)
             threading.Thread(target=read, daemon=True).start()
             serve(watched, requests)

@@ -66,12 +66,20 @@ class Hand:
 def _serve(address: str, grasp: Grasp, wanted: object, state: object) -> None:
     """The process: does what is wanted and reports, until its parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = os.getppid()
     import pylibfranka
 
-    hand = pylibfranka.Gripper(address)
+    try:
+        hand = pylibfranka.Gripper(address)
+        # libfranka has asked for the highest priority, which the arm's loop is to have.
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        _loop(hand, grasp, wanted, state)
+    except pylibfranka.NetworkException as error:
+        print(f"sim-bridge: the connection to the Franka Hand is lost: {error}", flush=True)
+
+
+def _loop(hand: object, grasp: Grasp, wanted: object, state: object) -> None:
     done = -1
-    while os.getppid() == parent:
+    while multiprocessing.parent_process().is_alive():
         sensed = hand.read_once()
         holds = sensed.is_grasped and sensed.width > CLOSED_M
         state.value = GripperState.HOLDING if holds else GripperState.OPEN
