@@ -1,7 +1,8 @@
 """The long form of the tests of the Franka arm: for minutes it goes to its goal and away again.
 
 The skill moves it, and in turn commands from outside. Prints what came of it and writes it to
-FOLDER/soak.json. Exit code 0: no reflex, and no command beyond what an arm accepts; 1: otherwise.
+FOLDER/soak.json. Exit code 0: it moved to the end, without a reflex, and no command was beyond what
+an arm accepts; 1: otherwise.
 """
 
 import argparse
@@ -12,6 +13,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 from franka_rig import CONTROLLER, LEARNER, PYTHON, ROOT, Rig, config_of
 
 from sim_bridge.franka.limits import (
@@ -24,6 +26,7 @@ from sim_bridge.franka.limits import (
 AT_GOAL_S = 8.0
 AWAY_S = 2.5
 SPEED_M_S = 0.2
+MOVED_MIN_RAD = 0.1
 
 
 def drive(rig: Rig, model: Path, options: argparse.Namespace) -> dict:
@@ -52,6 +55,7 @@ def drive(rig: Rig, model: Path, options: argparse.Namespace) -> dict:
     reasons = json.loads(summary.read_text())["ticks_by_reason"]
     arrived = seen["arrived"][seen["moves"] > 0]
     late = float((arrived == 0).mean())
+    moved = float(np.ptp(seen["q"], axis=0).max())
     return {
         "minutes": options.minutes,
         "interface": options.interface,
@@ -61,6 +65,7 @@ def drive(rig: Rig, model: Path, options: argparse.Namespace) -> dict:
         "largest": largest,
         "reasons": reasons,
         "commands_not_there_in_their_millisecond": late,
+        "moved_at_the_end_rad": moved,
     }
 
 
@@ -70,6 +75,8 @@ def holds(result: dict) -> bool:
     return (
         result["exit_codes"] == {"controller": 0, "publisher": 0}
         and result["publisher"]["reflexes"] == 0
+        # Of the last minute and a half: a controller that has latched a fault moves nothing.
+        and result["moved_at_the_end_rad"] > MOVED_MIN_RAD
         and largest["torque_step"] <= TORQUE_RATE_MAX_N_M_S * STEP_S
         and largest["acceleration"] <= ACCELERATION_MAX_RAD_S2
         and largest["jerk"] <= JERK_MAX_RAD_S3
