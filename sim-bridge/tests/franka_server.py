@@ -46,7 +46,7 @@ class Commands:
         self.speed = self.acceleration = self.jerk = 0.0
         self.start = 0.0
         """How far the first position was from where the arm was to be [rad]."""
-        self.received = self.lost = 0
+        self.received = 0
 
     def add(self, command: UDPCommand, q_d: tuple[float, ...], moves: bool) -> None:
         """Counts a command, and measures positions."""
