@@ -8,6 +8,7 @@
 # make hostile       MESSAGES=100000 hostile messages a stream, at twelve rates: no command steps beyond a limit
 # make crashes       kill 200 processes in the plane and 40 in pybullet, at random moments
 # make soak          run a controller for MINUTES=10 beside a simulator that is killed and started again
+# make franka-soak   a simulated Franka arm behind libfranka's protocol picks for MINUTES=10: reflexes, lost packets
 # make lint          formatting and static checks
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
@@ -23,12 +24,15 @@ CARGO ?= cargo
 
 BIN := target/release
 VENV := target/venv
+VENV_FRANKA := target/venv-franka
 # Checks licences, sources and doubled versions of dependencies; and advisories, where a database is there.
 DENY_VERSION := 0.20.2
 DENY := target/tools/bin/cargo-deny
 BRIDGE := $(VENV)/bin/sim-bridge
+# Whether there is a Python for the simulator of a Franka arm, which has no packages for older ones.
+FRANKA := $(shell $(PYTHON) -c 'import sys; print("yes" if sys.version_info[:2] == (3, 11) else "")' 2>/dev/null)
 
-.PHONY: help demo demo-planar test bench hostile crashes experiments experiments-arm robots soak lint build venv seed clean
+.PHONY: help demo demo-planar test bench hostile crashes experiments experiments-arm robots soak franka-soak lint build venv venv-franka seed clean
 
 help:
 	@sed -n '/^# make/s/^# //p' Makefile
@@ -49,6 +53,19 @@ $(VENV)/ready: sim-bridge/requirements.txt sim-bridge/requirements-ur.txt sim-br
 	$(VENV)/bin/python -m pip install --disable-pip-version-check --require-hashes --only-binary :all: \
 	    -r sim-bridge/requirements.txt -r sim-bridge/requirements-ur.txt
 	$(VENV)/bin/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation -e sim-bridge
+	@touch $@
+
+# libfranka and a simulated FR3 that speaks its protocol.
+venv-franka: $(VENV_FRANKA)/ready
+
+$(VENV_FRANKA)/ready: sim-bridge/requirements-franka.txt sim-bridge/pyproject.toml
+	@echo '== setting up Python for a Franka arm in $(VENV_FRANKA)'
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; v == (3, 11) or sys.exit("Python 3.11 is needed for the packages of " \
+	    f"requirements-franka.txt; `$(PYTHON)` is Python {v[0]}.{v[1]}: make PYTHON=/path/to/python3.11 names another")'
+	$(PYTHON) -m venv --clear $(VENV_FRANKA)
+	$(VENV_FRANKA)/bin/python -m pip install --disable-pip-version-check --require-hashes --only-binary :all: \
+	    -r sim-bridge/requirements-franka.txt
+	$(VENV_FRANKA)/bin/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation -e sim-bridge
 	@touch $@
 
 # $(call together,CONTROLLER,BRIDGE): runs both; the controller ends by itself or is asked to.
@@ -89,13 +106,14 @@ demo-planar: seed build
 	@$(BIN)/planar-sim report target/demo-planar
 
 test: export PROPTEST_RNG_SEED := $(PROPTEST_RNG_SEED)
-test: robots
+test: robots $(if $(FRANKA),venv-franka)
 	@echo '== building programs and tests (release)'
 	$(CARGO) build --release --locked --workspace --lib --bins --tests
 	@echo '== Rust tests, of several processes too'
 	$(CARGO) test --release --locked --workspace
 	@echo '== Python tests'
-	$(VENV)/bin/python -m pytest -q sim-bridge/tests
+	@$(if $(FRANKA),,echo 'the Franka arm is not tested: its simulator needs Python 3.11')
+	$(VENV)/bin/python -m pytest -q sim-bridge/tests $(if $(FRANKA),,--ignore=sim-bridge/tests/test_franka.py)
 
 bench: build
 	@mkdir -p target/bench
@@ -115,6 +133,10 @@ soak: seed build
 	$(BIN)/controller soak config/controllers/planar.ron --model target/soak/planar.model.ron \
 	    --minutes $(MINUTES) --seed $(SEED) --out target/soak -- \
 	    $(BIN)/planar-sim run --seed {seed} --out target/soak/run --instance soak --force
+
+franka-soak: seed venv-franka build
+	PYTHONPATH=sim-bridge $(VENV_FRANKA)/bin/python sim-bridge/tests/franka_soak.py --minutes $(MINUTES) --seed $(SEED) \
+	    --interface $(or $(INTERFACE),torque)
 
 hostile:
 	TPRMP_HOSTILE_MESSAGES=$(MESSAGES) $(CARGO) test --release --locked -p tprmp-controller --test hostile

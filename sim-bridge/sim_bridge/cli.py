@@ -80,6 +80,7 @@ def _parser() -> argparse.ArgumentParser:
         _add_report,
         _add_fit,
         _add_experiments,
+        _add_franka,
         _add_ur,
         _add_ur_server,
     ):
@@ -271,6 +272,65 @@ def _command(parsed: argparse.Namespace) -> int:
     return command(_options(Options, parsed))
 
 
+FRANKA_UNTRIED = "Not run on hardware yet."
+
+
+def _add_franka(commands: argparse._SubParsersAction) -> None:
+    parser = commands.add_parser(
+        "franka",
+        help="publish the state of a Franka arm and move it (not run on hardware yet)",
+        description="Connects to a Franka FR3 by libfranka, publishes its state and the frames of "
+        "a cell file, and moves it as a controller commands: by torques or by joint positions. "
+        "Begins slow: the arm brakes where a joint is faster than a fifth of its greatest speed. "
+        "After a reflex it does not move again before it was started with --recover. Exit code 0: "
+        "a signal ended it; 1: after a reflex; 2: bad input, or no arm.",
+    )
+    usage = parser.format_help
+    parser.format_help = lambda: f"{FRANKA_UNTRIED}\n\n{usage()}"
+    parser.set_defaults(action=_franka)
+    parser.add_argument("--address", required=True, help="IP address of the arm's controller")
+    parser.add_argument(
+        "--scene", type=Path, required=True, help="cell file, e.g. config/scenes/cell_fr3.json"
+    )
+    parser.add_argument(
+        "--instance", default="default", help="name that it and its controller use (%(default)s)"
+    )
+    parser.add_argument(
+        "--interface",
+        choices=("torque", "position"),
+        default="torque",
+        help="what the arm is commanded by (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--gripper",
+        choices=("hand", "none"),
+        default="hand",
+        help="the Franka Hand, or nothing that grips (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--real-time",
+        choices=("enforce", "ignore"),
+        default="enforce",
+        help="whether libfranka asks for a real-time kernel (default: %(default)s)",
+    )
+    parser.add_argument("--full-speed", action="store_true", help="leave the slow mode")
+    parser.add_argument(
+        "--recover", action="store_true", help="you have looked at the arm: confirm its reflex"
+    )
+    parser.add_argument(
+        "--priority", type=int, default=40, help="SCHED_FIFO priority, 0: none (%(default)s)"
+    )
+    parser.add_argument("--summary", type=Path, help="JSON file for what was counted")
+    _add_force(parser, "the summary of another run")
+
+
+def _franka(parsed: argparse.Namespace) -> int:
+    from sim_bridge.franka.drive import Options, run
+
+    _check_whole("--priority", parsed.priority, 0)
+    return run(_options(Options, parsed))
+
+
 def _add_report(commands: argparse._SubParsersAction) -> None:
     parser = commands.add_parser(
         "report",
@@ -457,7 +517,7 @@ def _add_frames(parser: argparse.ArgumentParser, *, required: bool) -> None:
         "--scene",
         type=Path,
         required=required,
-        help="file of fixed task frames, e.g. config/scenes/pick_ur5.json",
+        help="file of fixed task frames, e.g. config/scenes/cell_ur5.json",
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from sim_bridge.wire import (
+    FRAME_CAPACITY as FRAME_CAPACITY,
     JOINT_CAPACITY as JOINT_CAPACITY,
     NAME_CAPACITY as NAME_CAPACITY,
     CommandMode as CommandMode,

@@ -1,6 +1,5 @@
 """`sim-bridge ur` through ur_rtde against the server that stands in for a UR, as processes."""
 
-import json
 import math
 import signal
 import subprocess
@@ -13,9 +12,9 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from sim_bridge.cell import CellFrames
 from sim_bridge.cli import main
 from sim_bridge.demonstrations import demonstrated_grasp
-from sim_bridge.errors import BridgeError
 from sim_bridge.kinematics import forward
 from sim_bridge.messages import (
     CommandMode,
@@ -33,12 +32,11 @@ from sim_bridge.poses import pose, rotation_from_quaternion, vector_from_rotatio
 from sim_bridge.priority import real_time
 from sim_bridge.services import Instance
 from sim_bridge.ur.arm import Arm, Mode, Safety
-from sim_bridge.ur.frames import load_frames
 from sim_bridge.ur.robot import Sample
 from sim_bridge.ur.server import Server
 from sim_bridge.ur.stand_in import seal_rule
 
-FRAMES_FILE = ROOT / "config" / "scenes" / "pick_ur5.json"
+FRAMES_FILE = ROOT / "config" / "scenes" / "cell_ur5.json"
 CONTROLLER = ROOT / "target" / "release" / "controller"
 CONFIG = ROOT / "config" / "controllers" / "ur5_rtde.ron"
 HOME = (-2.7416, -1.5708, 1.5708, -1.5708, -1.5708, 0.4)
@@ -225,13 +223,13 @@ def running(served, instance, *options):
 def test_states_are_published_and_commands_move_the_joints(served, instance_name, interface):
     with running(served, instance_name, "--interface", interface) as (_, commands):
         frames = commands.newest(commands.frames, TaskFrames)
-        fixed = load_frames(FRAMES_FILE)
+        cell = CellFrames(FRAMES_FILE)
         assert [read_name(frame) for frame in frames.frames[:2]] == ["ee_start", "object"]
-        tip = forward(fixed.chain(), np.array(HOME))
+        tip = forward(cell.chain, np.array(HOME))
         assert frames.frames[0].position[:] == pytest.approx(tip[:3, 3].tolist(), abs=1e-12)
         assert frames.obstacles[0].kind == ObstacleKind.HALF_SPACE
         first = commands.state()
-        assert first.joint_names_hash == joint_names_hash(fixed.chain().joint_names)
+        assert first.joint_names_hash == joint_names_hash(cell.chain.joint_names)
         assert first.position[:6] == pytest.approx(HOME, abs=1e-9)
         assert (first.robot_mode, first.safety_stop, first.gripper_state) == (0, 0, 0)
         states = commands.ramp(2, SPEED, 1.0)
@@ -382,28 +380,6 @@ def test_options_outside_their_range_are_refused(options, said, capsys):
     assert said in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("edit", "said"),
-    [
-        (lambda values: values.pop("tip_link"), "`tip_link` is missing"),
-        (
-            lambda values: values["frames"][0].update(quaternion_wxyz=[1, 1, 0, 0]),
-            "`frames[0].quaternion_wxyz`: expected four numbers of norm 1",
-        ),
-        (lambda values: values["frames"][0].update(name="ee_start"), "expected another name"),
-        (lambda values: values.update(schema="x"), "`schema`: expected"),
-    ],
-)
-def test_a_file_of_frames_is_checked(edit, said, tmp_path):
-    values = json.loads(FRAMES_FILE.read_text(encoding="utf-8"))
-    edit(values)
-    file = tmp_path / "frames.json"
-    file.write_text(json.dumps(values), encoding="utf-8")
-    with pytest.raises(BridgeError) as error:
-        load_frames(file)
-    assert said in str(error.value)
-
-
 def test_the_help_says_first_that_no_hardware_was_seen(capsys):
     with pytest.raises(SystemExit):
         main(["ur", "--help"])
@@ -418,7 +394,7 @@ def test_a_missing_client_is_named_with_what_installs_it(monkeypatch, capsys):
 
 def gripper(served):
     """The gripper of the robot holds where its tip is on the box."""
-    served.seal(seal_rule(load_frames(FRAMES_FILE), "object", BOX_HALF_HEIGHT_M))
+    served.seal(seal_rule(CellFrames(FRAMES_FILE), "object", BOX_HALF_HEIGHT_M))
     return ["--gripper-output", "0", "--gripper-input", "0"]
 
 
@@ -471,12 +447,12 @@ def pick(served, instance, model, meanwhile):
 
 def error_at_the_grip(served):
     """Of the tip when the cup sealed, against the demonstrated grasp [m], [rad]; the lift [m]."""
-    fixed = load_frames(FRAMES_FILE)
-    box = fixed.frames[0]
+    cell = CellFrames(FRAMES_FILE)
+    box = cell.fixed[0]
     x_box = pose(rotation_from_quaternion(np.array(box.quaternion_wxyz)), np.array(box.position_m))
     x_goal = x_box @ demonstrated_grasp(ROOT / "config/demonstrations/pick", "object")
     gripped = next(q for q, _, inputs in served.trace if inputs & 1)
-    x_tip, x_end = (forward(fixed.chain(), np.array(q)) for q in (gripped, served.arm.actual_q))
+    x_tip, x_end = (forward(cell.chain, np.array(q)) for q in (gripped, served.arm.actual_q))
     error_rad = np.linalg.norm(vector_from_rotation(x_tip[:3, :3] @ x_goal[:3, :3].T))
     error_m = np.linalg.norm(x_tip[:3, 3] - x_goal[:3, 3])
     print(f"at the grip: {1e3 * error_m:.2f} mm, {math.degrees(error_rad):.2f} degrees")

@@ -12,6 +12,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from sim_bridge.cell import CellFrames
 from sim_bridge.errors import BridgeError
 from sim_bridge.guard import Bounds, Cause, CommandFault, CommandGuard, JointBounds, counted
 from sim_bridge.kinematics import Chain
@@ -26,7 +27,6 @@ from sim_bridge.messages import (
 from sim_bridge.priority import real_time
 from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
 from sim_bridge.ur.arm import JOINTS
-from sim_bridge.ur.frames import load_frames
 from sim_bridge.ur.robot import Commander, Outputs, Robot, Sample, Servo
 
 ACCELERATION_RAD_S2 = 20.0
@@ -144,10 +144,10 @@ def publish(options: Options) -> int:
 
 
 def _publish(options: Options, servo: Servo, how: str) -> int:
-    fixed = load_frames(options.scene)
-    chain = fixed.chain()
+    cell = CellFrames(options.scene)
+    chain = cell.chain
     if chain.joint_count != JOINTS:
-        raise BridgeError(f"{fixed.urdf}: expected {JOINTS} joints, found {chain.joint_count}")
+        raise BridgeError(f"{cell.cell.urdf}: expected {JOINTS} joints, found {chain.joint_count}")
     robot = Robot(options.host)
     first = robot.wait()
     if not first.usable:
@@ -157,7 +157,8 @@ def _publish(options: Options, servo: Servo, how: str) -> int:
             f"{first.safety}: {mode.name}{', stopped' if stopped else ''}): power it on, release "
             "its brakes and clear its stops on the pendant"
         )
-    publisher = Publisher(options, chain, first, fixed.message(first.q, chain))
+    cell.start_at(first.q)
+    publisher = Publisher(options, chain, first, cell.message)
     outputs = None if options.gripper_output is None else Outputs(options.host)
     with StopSignal() as stop, StatePublisherPorts(Instance(options.instance)) as ports:
         commander = Commander(robot, servo)

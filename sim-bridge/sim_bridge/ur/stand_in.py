@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from sim_bridge.cell import CellFrames
 from sim_bridge.errors import BridgeError
-from sim_bridge.kinematics import Chain, forward
+from sim_bridge.kinematics import forward
 from sim_bridge.poses import rotation_from_quaternion
 from sim_bridge.priority import real_time
 from sim_bridge.services import StopSignal
 from sim_bridge.ur.arm import JOINTS, Arm
-from sim_bridge.ur.frames import FixedFrames, load_frames
 from sim_bridge.ur.server import Server
 
 RATES_HZ = {"cb3": 125.0, "e": 500.0}
@@ -34,17 +34,17 @@ class Options:
     seals: list[str] | None
 
 
-def seal_rule(fixed: FixedFrames, name: str, height_m: float) -> Callable[[Arm], int]:
+def seal_rule(cell: CellFrames, name: str, height_m: float) -> Callable[[Arm], int]:
     """Digital input 0 of an arm whose output 0 switches a vacuum.
 
     The cup seals once it touches: while the vacuum is on, with the tip no higher than `height_m`
     above the frame's origin along its z, no farther than 15 mm beside that axis, and tilted by less
     than 10°. It holds until the vacuum is switched off.
     """
-    chain: Chain = fixed.chain()
-    found = [frame for frame in fixed.frames if frame.name == name]
+    chain = cell.chain
+    found = [frame for frame in cell.fixed if frame.name == name]
     if not found:
-        known = ", ".join(frame.name for frame in fixed.frames) or "none"
+        known = ", ".join(frame.name for frame in cell.fixed) or "none"
         raise BridgeError(f"--seals: expected a frame of the scene ({known}), found `{name}`")
     origin = np.array(found[0].position_m)
     r_bo = rotation_from_quaternion(np.array(found[0].quaternion_wxyz))
@@ -75,7 +75,7 @@ def stand_in(options: Options) -> int:
             height_m = float(height)
         except ValueError as error:
             raise BridgeError(f"--seals: expected a height [m], found `{height}`") from error
-        arm.rule = seal_rule(load_frames(options.scene), name, height_m)
+        arm.rule = seal_rule(CellFrames(options.scene), name, height_m)
     with StopSignal() as stop, Server(options.host, arm) as server, real_time(None) as how:
         print(
             f"{options.host}: stands in for a UR at {server.rate_hz} Hz, {how}; Ctrl-C ends it",

@@ -1,0 +1,1 @@
+"""The state publisher of a Franka arm: `drive.py` is its loop."""
