@@ -102,4 +102,4 @@ macro_rules! short_runs {
     };
 }
 
-short_runs! { urdf model configuration skill demonstration csv npz mat thesis messages frames }
+short_runs! { urdf model configuration frames skill demonstration csv npz mat thesis messages }
