@@ -161,7 +161,7 @@ mod tests {
             ),
             (said("period_s: 0.02", "period_s: NaN"), "found NaN"),
             (said("period_s: 0.02,", ""), "period_s"),
-            (said("source", "sauce"), "sauce"),
+            (said("source:", "sauce:"), "sauce"),
             (said("HalfSpace", "HalfSpade"), "HalfSpade"),
             (said("(0.5, 0.0, 0.0)", "(0.5, 0.0)"), "line 7"),
         ] {

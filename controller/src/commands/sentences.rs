@@ -20,7 +20,6 @@ const SENTENCES: &[(Reason, &str)] = &[
     (Reason::CommandNotFinite, "the policy's command was not finite"),
     (Reason::StopRequested, "asked to stop"),
     (Reason::JointLimit, "a joint is outside its position limits"),
-    (Reason::JointReturning, "a joint a little outside its position limits is moved back, slowly"),
     (Reason::Overrun, "too many periods were missed in a row"),
     (
         Reason::StateUnbelievable,
@@ -101,6 +100,7 @@ const SENTENCES: &[(Reason, &str)] = &[
     ),
     (Reason::GripperAwaited, "at the goal, waiting for the gripper to hold"),
     (Reason::FrameTwice, "two sources publish the same frame, or have the same name"),
+    (Reason::JointReturning, "a joint a little outside its position limits is moved back, slowly"),
 ];
 
 /// The sentence of a reason; `None` where the policy is followed and makes progress.

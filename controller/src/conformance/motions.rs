@@ -83,7 +83,7 @@ impl<const N: usize> Motions<'_, N> {
 
     fn broken(&self, broken: Broken) -> String {
         match broken {
-            Broken::Stale => "no state for 200 ms".into(),
+            Broken::Stale => "no state for a second".into(),
             Broken::NotHeld => {
                 "it does not come to rest where it is commanded to be within 5 s".into()
             }
@@ -102,8 +102,11 @@ impl<const N: usize> Motions<'_, N> {
         let text = |mover: &mut Mover<'_, N>, broken: Broken| {
             // The arm comes to rest where it is, whatever else is wrong.
             mover.watch(0.3);
-            let check =
-                if matches!(broken, Broken::Fast(..)) { Check::Velocity } else { Check::Joints };
+            let check = match broken {
+                Broken::Fast(..) => Check::Velocity,
+                Broken::Stale => Check::Rate,
+                Broken::NotHeld | Broken::Astray(..) => Check::Joints,
+            };
             (check, self.astray(i, amplitude, broken))
         };
         if let Err(broken) = mover.go(&out, 0.0, OUT_S + 0.3, CommandMode::Track) {

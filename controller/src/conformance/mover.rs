@@ -24,7 +24,7 @@ const ASTRAY: f64 = 0.75;
 /// A joint that is so fast ends the motion \[rad/s or m/s\].
 const SPEED_MAX: f64 = 1.0;
 /// A state that is older than this ends the motion \[ns\].
-const STATE_AGE_MAX_NS: u64 = 200_000_000;
+const STATE_AGE_MAX_NS: u64 = 1_000_000_000;
 
 /// What was measured at a tick, and commanded.
 #[derive(Debug, Clone, Copy)]

@@ -57,9 +57,8 @@ fn plain(doc: &[&str]) -> String {
             target.split_once(')').map_or("", |(_, after)| after)
         } else {
             // Of a link to code, or of an index in code.
-            if !mark.starts_with("[`") && !(mark.starts_with(']') && plain.ends_with('`')) {
-                plain += &mark[..1];
-            }
+            let of_code = mark.starts_with("[`") || mark.starts_with(']') && plain.ends_with('`');
+            plain += if of_code { "" } else { &mark[..1] };
             &mark[1..]
         };
     }
