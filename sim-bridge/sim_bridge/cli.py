@@ -76,6 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     for add in (
         _add_run,
         _add_record,
+        _add_replay,
         _add_command,
         _add_report,
         _add_fit,
@@ -229,6 +230,28 @@ def _record(parsed: argparse.Namespace) -> int:
     out = parsed.out or scene.task.demonstrations
     record(scene, out, count, seed, force=parsed.force, gripper=parsed.gripper)
     return 0
+
+
+def _add_replay(commands: argparse._SubParsersAction) -> None:
+    parser = commands.add_parser(
+        "replay",
+        help="publish a recorded run again; commands move nothing",
+        description="Publishes states and frames of a run again, at their own pace: a controller "
+        "beside it says what it would command, and moves nothing. Exit code 0: all was published, "
+        "or a signal ended it; 2: bad input.",
+    )
+    parser.set_defaults(action=_replay)
+    parser.add_argument("run", type=Path, help="what `sim-bridge run --out` wrote")
+    parser.add_argument(
+        "--instance", default="default", help="name of the running system (default: %(default)s)"
+    )
+    parser.add_argument("--loop", action="store_true", help="again and again, until a signal")
+
+
+def _replay(parsed: argparse.Namespace) -> int:
+    from sim_bridge.replay import Options, replay
+
+    return replay(_options(Options, parsed))
 
 
 def _add_command(commands: argparse._SubParsersAction) -> None:

@@ -84,6 +84,17 @@ def rotation_from_quaternion(quaternion_wxyz: Array) -> Array:
     )
 
 
+def angular_velocity(quaternions_wxyz: Array, time_s: Array) -> Array:
+    """Angular velocities [rad/s], N × 3, of N continuous quaternions at N times [s].
+
+    ω = 2 vec(q̇ q*), in the frame that the quaternions rotate into; by central differences.
+    """
+    q = quaternions_wxyz
+    rate = np.gradient(q, time_s, axis=0)
+    vector = q[:, :1] * rate[:, 1:] - rate[:, :1] * q[:, 1:] - np.cross(rate[:, 1:], q[:, 1:])
+    return 2.0 * vector
+
+
 def pose(rotation: Array, position: Array) -> Array:
     """Homogeneous matrix of a rotation and a position."""
     x = np.eye(4)
