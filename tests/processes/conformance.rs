@@ -44,11 +44,14 @@ fn line(output: &std::process::Output, check: Check) -> String {
 #[test]
 fn the_shipped_publishers_pass() {
     let planar = "config/controllers/planar.ron";
-    for (name, scene, config) in [
-        ("planar-sim", "config/scenes/planar.json", planar),
-        ("sim-bridge", "config/scenes/pick.json", "config/controllers/ur5_pick.ron"),
+    let ur5 = "config/controllers/ur5_pick.ron";
+    let mujoco: &[&str] = &["--simulator", "mujoco"];
+    for (name, scene, config, options) in [
+        ("planar-sim", "config/scenes/planar.json", planar, &[][..]),
+        ("sim-bridge", "config/scenes/pick.json", ur5, &[]),
+        ("sim-bridge", "config/scenes/pick.json", ur5, mujoco),
     ] {
-        let place = Place::new(&format!("conforms-{name}"));
+        let place = Place::new(&format!("conforms-{name}-{}", options.len()));
         let mut publisher = program(name);
         publisher.args(["run", "--scene", &file(scene), "--seed", "1", "--force"]).args([
             "--instance",
@@ -56,6 +59,7 @@ fn the_shipped_publishers_pass() {
             "--out",
             &place.path(name),
         ]);
+        publisher.args(options);
         passes(publisher, &place, config);
     }
     let place = Place::new("conforms-rust");
