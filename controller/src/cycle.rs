@@ -376,7 +376,7 @@ impl<const N: usize> Cycle<N> {
         }
         self.task.check_gripper(self.inbox.gripper()?, dt)?;
         self.supervisor.check_request()?;
-        if !self.motion.limits().contain(&state.position) {
+        if !self.motion.is_inside(&state) {
             return Err(Reason::JointReturning);
         }
         // Whatever has gone wrong: first to rest, then on.

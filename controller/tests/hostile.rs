@@ -51,6 +51,7 @@ impl Random {
 struct Bounds {
     joints: usize,
     ends: [Vec<f64>; 2],
+    return_max: f64,
     velocity: Vec<f64>,
     acceleration: Vec<f64>,
     jerk: Vec<f64>,
@@ -68,6 +69,7 @@ impl Bounds {
         Self {
             joints: N,
             ends: [list(&limits.position_end[0]), list(&limits.position_end[1])],
+            return_max: limits.return_max,
             velocity: list(&limits.velocity_max),
             acceleration: list(&limits.acceleration_max),
             jerk: list(&limits.jerk_max),
@@ -95,7 +97,11 @@ impl Bounds {
         let slack = 1.0 + 1e-6;
         for i in 0..self.joints {
             let effort = now.torque[i] + now.gravity_torque[i];
-            let inside = (self.ends[0][i]..=self.ends[1][i]).contains(&now.position[i])
+            // An arm that is measured a little outside is held there, and moved back.
+            let follows = now.mode == CommandMode::Track.to_wire();
+            let outside = if follows { 0.0 } else { self.return_max * slack };
+            let range = self.ends[0][i] - outside..=self.ends[1][i] + outside;
+            let inside = range.contains(&now.position[i])
                 && now.velocity[i].abs() <= self.velocity[i] * slack
                 && now.acceleration[i].abs() <= self.acceleration[i] * slack
                 && effort.abs() <= self.effort[i] * slack;

@@ -149,6 +149,12 @@ impl<const N: usize> MotionGenerator<N> {
         }
     }
 
+    /// Whether arm and reference are within the robot's description.
+    #[must_use]
+    pub fn is_inside(&self, state: &JointState<N>) -> bool {
+        [state.position, self.reference(state).position].iter().all(|q| self.limits.contain(q))
+    }
+
     /// Whether nothing was commanded since the start.
     #[must_use]
     pub fn is_new(&self) -> bool {
