@@ -104,7 +104,7 @@ impl<const N: usize> Cycle<N> {
             braking_for: None,
             lasts: false,
             time_stands: false,
-            frozen: FrozenPositions::default(),
+            frozen: FrozenPositions::new(config.robot.actuators.lag_s()),
             detail: Detail::default(),
             supervisor: Supervisor::new(&config.supervision),
             exchange: None,
@@ -468,8 +468,15 @@ impl<const N: usize> Cycle<N> {
         if self.lasts {
             self.supervisor.fail(reason);
         }
+        // What was fed back so far was wrong: the robot brakes on its own, at once.
+        let misled = matches!(
+            reason,
+            Reason::VelocityUnbelievable | Reason::PositionsFrozen | Reason::JointOrder
+        );
         // In lockstep no time passes then, in which the arm could be brought to rest.
-        if self.time_stands && self.timing.pacing() == Pacing::Lockstep {
+        if misled && self.lasts {
+            self.motion.robot_brakes();
+        } else if self.time_stands && self.timing.pacing() == Pacing::Lockstep {
             self.motion.robot_brakes();
         }
         // Whether the arm makes progress is judged anew once it goes on.

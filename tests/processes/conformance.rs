@@ -38,7 +38,7 @@ fn passes(mut publisher: Command, place: &Place, config: &str) {
 fn line(output: &std::process::Output, check: Check) -> String {
     let text = text(output);
     let of = |line: &&str| line.contains(&format!("  {:<18} ", check.name()));
-    text.lines().find(of).unwrap_or_default().trim().to_owned()
+    text.lines().rfind(of).unwrap_or_default().trim().to_owned()
 }
 
 #[test]
@@ -94,6 +94,8 @@ enum Wrong {
     NoVelocity,
     NoExpiry,
     NoStop,
+    StopsInMotion,
+    NoNumberInMotion,
 }
 
 const CASES: &[(Wrong, Check)] = &[
@@ -115,6 +117,8 @@ const CASES: &[(Wrong, Check)] = &[
     (Wrong::NoVelocity, Check::Velocity),
     (Wrong::NoExpiry, Check::Expiry),
     (Wrong::NoStop, Check::Stop),
+    (Wrong::StopsInMotion, Check::Modes),
+    (Wrong::NoNumberInMotion, Check::Numbers),
 ];
 
 /// An ideal robot in the plane with a publisher that is wrong in one thing.
@@ -201,6 +205,8 @@ impl Publisher {
                 (state.position[1], state.velocity[1]) = (0.4 - y[0], -y[1]);
             }
             Wrong::NoVelocity => state.velocity = [0.0; 8],
+            Wrong::StopsInMotion if (x[0] - 0.1).abs() > 0.003 => state.safety_stop = 1,
+            Wrong::NoNumberInMotion if (x[0] - 0.1).abs() > 0.003 => state.torque[1] = f64::NAN,
             _ => {}
         }
         (state, frames)
@@ -262,6 +268,34 @@ fn without_a_publisher_or_a_confirmation_nothing_is_moved() {
     finish(publisher);
     assert!(unconfirmed.status.success(), "{}", text(&unconfirmed));
     assert!(line(&unconfirmed, Check::Joints).starts_with("not tried"), "{}", text(&unconfirmed));
+}
+
+/// Ctrl-C in the middle of a motion: the robot is told to stop, whatever it does by itself.
+#[test]
+fn a_signal_in_a_motion_ends_it_with_stop() {
+    let place = Place::new("conformance-interrupted");
+    let mut publisher = Publisher::new(&place.instance, Wrong::NoExpiry);
+    let mut kit = program("controller");
+    kit.args(["conformance", &file("config/controllers/planar.ron"), "--move", "--yes"])
+        .args(["--instance", &place.instance, "--seconds", "1"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    let mut kit = kit.spawn().unwrap();
+    while publisher.state.velocity[0].abs() < 0.005 {
+        publisher.step();
+    }
+    signal(&kit, "-INT");
+    while kit.try_wait().unwrap().is_none() {
+        publisher.step();
+    }
+    for _ in 0..200 {
+        publisher.step();
+    }
+    let output = finish(kit);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(line(&output, Check::Joints).contains("interrupted by a signal"), "{}", text(&output));
+    assert_eq!(publisher.last.mode, CommandMode::Stop.to_wire());
+    assert_eq!(publisher.state.velocity[..2], [0.0; 2]);
 }
 
 /// Whichever side is in lockstep alone: it is said within two seconds, and nothing moves.

@@ -142,13 +142,18 @@ impl Frame {
     }
 }
 
+/// Whether a ball or capsule can have this radius \[m\]: no arm is outside of a larger one.
+fn is_radius(size: f64) -> bool {
+    size > 0.0 && size <= FRAME_DISTANCE_MAX_M
+}
+
 impl Obstacle {
     /// Its kind, where that is known and everything else can be used. A ball looks the same from all
     /// sides: the length of its quaternion does not matter.
     ///
     /// # Errors
     /// When its mark or kind is none that there is, a size is zero or negative (but the length of a capsule
-    /// may be zero), a number is not finite, or the quaternion is not of unit length.
+    /// may be zero), a radius or its place is beyond [`FRAME_DISTANCE_MAX_M`], a number is not finite, or the quaternion is not of unit length.
     pub fn check(&self) -> Result<ObstacleKind, Reason> {
         check(self.valid == 1, Reason::ObstacleUnknown)?;
         check(finite(self.quaternion.iter().chain(&self.size)), Reason::FrameNotFinite)?;
@@ -158,7 +163,20 @@ impl Obstacle {
         check(!turns || is_unit(self.quaternion), Reason::ObstacleQuaternion)?;
         let motion = [self.position, self.linear_velocity, self.angular_velocity];
         check(finite(motion.as_flattened()), Reason::FrameNotFinite)?;
+        check(self.is_near(kind), Reason::ObstacleFar)?;
         Ok(kind)
+    }
+
+    /// Its distance from the base \[m\].
+    #[must_use]
+    pub fn distance_m(&self) -> f64 {
+        self.position.iter().map(|p| p * p).sum::<f64>().sqrt()
+    }
+
+    /// Whether it is no farther than [`FRAME_DISTANCE_MAX_M`]. A half-space is anywhere, and so is a box as large.
+    fn is_near(&self, kind: ObstacleKind) -> bool {
+        let size = if kind == ObstacleKind::Box { self.size.iter().sum() } else { 0.0 };
+        kind == ObstacleKind::HalfSpace || self.distance_m() <= FRAME_DISTANCE_MAX_M + size
     }
 }
 
@@ -168,10 +186,10 @@ impl Obstacle {
     pub fn bad_size(&self, kind: ObstacleKind) -> Option<usize> {
         let (sizes, least): (usize, fn(f64) -> bool) = match kind {
             ObstacleKind::HalfSpace => (0, |_| true),
-            ObstacleKind::Sphere => (1, |size| size > 0.0),
+            ObstacleKind::Sphere => (1, is_radius),
             // One without length is a ball.
-            ObstacleKind::Capsule if self.size[0] > 0.0 => (2, |size| size >= 0.0),
-            ObstacleKind::Capsule => (1, |size| size > 0.0),
+            ObstacleKind::Capsule if is_radius(self.size[0]) => (2, |size| size >= 0.0),
+            ObstacleKind::Capsule => (1, is_radius),
             ObstacleKind::Box => (3, |size| size > 0.0),
         };
         self.size[..sizes].iter().position(|size| !least(*size))

@@ -175,9 +175,10 @@ impl<'a> PublishedFrames<'a> {
     /// Everybody who publishes a frame of this name, valid or not.
     pub fn claims(&self, name: &Name) -> impl Iterator<Item = Claim<'a>> + use<'a> {
         let name = *name;
-        self.messages().filter_map(move |message| {
-            let frame = Frame::find(message.listed().unwrap_or(&[]), &name)?;
-            Some(Claim { frame, message })
+        self.messages().flat_map(move |message| {
+            let frames = message.listed().unwrap_or(&[]).iter();
+            let named = frames.filter(move |frame| frame.name == name);
+            named.map(move |frame| Claim { frame, message })
         })
     }
 
@@ -296,6 +297,16 @@ mod tests {
         assert_eq!(at(300 * MS).stale(&[object]).unwrap().1.source, a.source);
         let other = name_bytes("other").unwrap();
         assert_eq!(at(90 * MS).find(&other).unwrap_err(), Reason::FrameMissing);
+    }
+
+    #[test]
+    fn a_frame_that_stands_twice_in_one_message_is_believed_neither_time() {
+        let object = name_bytes("object").unwrap();
+        let mut a = message("a", "object", MS);
+        (a.frames[1], a.frame_count) = (a.frames[0], 2);
+        let found =
+            PublishedFrames::of(&[&a], MS, 100 * MS).find(&object).map(|claim| claim.message);
+        assert_eq!(found.unwrap_err(), Reason::FrameTwice);
     }
 
     #[test]

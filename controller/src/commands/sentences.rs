@@ -91,7 +91,7 @@ const SENTENCES: &[(Reason, &str)] = &[
         Reason::ObstacleCount,
         "more obstacles are published than a message carries, by one source or by all together",
     ),
-    (Reason::ObstacleSize, "a size of an obstacle is zero or negative"),
+    (Reason::ObstacleSize, "a size of an obstacle is zero or negative, or a radius beyond 20 m"),
     (Reason::ObstacleQuaternion, "an obstacle's quaternion is not of unit length"),
     (
         Reason::GripperNone,
@@ -101,6 +101,7 @@ const SENTENCES: &[(Reason, &str)] = &[
     (Reason::GripperAwaited, "at the goal, waiting for the gripper to hold"),
     (Reason::FrameTwice, "two sources publish the same frame, or have the same name"),
     (Reason::JointReturning, "a joint a little outside its position limits is moved back, slowly"),
+    (Reason::ObstacleFar, "an obstacle is farther from the base than any arm reaches"),
 ];
 
 /// The sentence of a reason; `None` where the policy is followed and makes progress.

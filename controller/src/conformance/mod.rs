@@ -10,11 +10,12 @@ pub mod table;
 
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::sync::Arc;
 use std::time::Duration;
 
 use nalgebra::SVector;
 use rustix::process::{Signal, getpid, kill_process};
-use tprmp_messages::{CommandMode, Instance, NAME_CAPACITY, ServiceError};
+use tprmp_messages::{CommandMode, Instance, NAME_CAPACITY, ServiceError, stop_flag};
 use tprmp_model::controller_config::ControllerConfig;
 use tprmp_robot::Chain;
 
@@ -69,7 +70,14 @@ impl<const N: usize> Kit<'_, N> {
         } else if table.failed() > 0 {
             table.skip_rest("nothing is moved where a check has failed");
         } else {
-            let mut mover = Mover::new(ports, self.chain, self.config);
+            let stop = match stop_flag() {
+                Ok(stop) => stop,
+                Err(error) => {
+                    table.skip_rest(&format!("signals cannot be handled: {error}"));
+                    return table.failed() + 1;
+                }
+            };
+            let mut mover = Mover::new(ports, self.chain, self.config, &stop);
             let motions = Motions { config: self.config, confirm };
             if motions.judge(&mut mover, &mut table) {
                 let _ = mover.hold(0.2);
@@ -101,7 +109,7 @@ impl<const N: usize> Kit<'_, N> {
         };
         table.add(Check::Killed, verdict);
         if let Ok(ports) = self.instance.open_controller() {
-            Mover::new(ports, self.chain, self.config).leave();
+            Mover::new(ports, self.chain, self.config, &Arc::default()).leave();
         }
     }
 
@@ -159,7 +167,8 @@ impl<const N: usize> Kit<'_, N> {
     /// # Errors
     /// Where the services cannot be opened.
     pub fn die_in_motion(&self) -> Result<(), ServiceError> {
-        let mut mover = Mover::new(self.instance.open_controller()?, self.chain, self.config);
+        let mut mover =
+            Mover::new(self.instance.open_controller()?, self.chain, self.config, &Arc::default());
         if mover.hold(0.3).is_ok() {
             let way = Way { joint: 0, offsets: [0.0, mover.amplitude(0)], duration_s: 0.6 };
             let _ = mover.go(&way, 0.0, 0.3, CommandMode::Track);

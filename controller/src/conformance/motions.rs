@@ -2,9 +2,10 @@
 //! commands that expire, to `Stop`, and to a controller that is killed.
 
 use nalgebra::SVector;
-use tprmp_messages::CommandMode;
+use tprmp_messages::{CommandMode, Reason};
 use tprmp_model::controller_config::ControllerConfig;
 
+use crate::commands::sentences::sentence;
 use crate::conformance::mover::{Broken, Moment, Mover, Path};
 use crate::conformance::table::{Check, Table, Verdict};
 
@@ -84,6 +85,13 @@ impl<const N: usize> Motions<'_, N> {
     fn broken(&self, broken: Broken) -> String {
         match broken {
             Broken::Stale => "no state for a second".into(),
+            Broken::Refused(mode, stop) => {
+                format!("the robot says meanwhile: `robot_mode` {mode}, `safety_stop` {stop}")
+            }
+            Broken::Faulty(reason) => {
+                format!("meanwhile a state is refused: {}", sentence(reason).unwrap_or_default())
+            }
+            Broken::Interrupted => "interrupted by a signal; the arm was told to stop".into(),
             Broken::NotHeld => {
                 "it does not come to rest where it is commanded to be within 5 s".into()
             }
@@ -105,7 +113,10 @@ impl<const N: usize> Motions<'_, N> {
             let check = match broken {
                 Broken::Fast(..) => Check::Velocity,
                 Broken::Stale => Check::Rate,
-                Broken::NotHeld | Broken::Astray(..) => Check::Joints,
+                Broken::Refused(..) => Check::Modes,
+                Broken::Faulty(Reason::JointCount) => Check::JointCount,
+                Broken::Faulty(_) => Check::Numbers,
+                Broken::NotHeld | Broken::Astray(..) | Broken::Interrupted => Check::Joints,
             };
             (check, self.astray(i, amplitude, broken))
         };

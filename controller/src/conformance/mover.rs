@@ -1,8 +1,11 @@
 //! Small motions of a robot by the commands of a controller, with everything that was measured meanwhile.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use nalgebra::SVector;
 use tprmp_messages::{
-    CommandMode, ControllerPorts, JointCommand, Reason, RobotState, STATE_BUFFER,
+    CommandMode, ControllerPorts, JointCommand, Reason, RobotMode, RobotState, STATE_BUFFER,
 };
 use tprmp_model::controller_config::ControllerConfig;
 use tprmp_robot::{Chain, JointKind};
@@ -52,6 +55,12 @@ pub(super) enum Broken {
     Fast(usize, f64),
     /// The arm could not be held before the motion.
     NotHeld,
+    /// The robot says that it does not permit motion: `robot_mode` and `safety_stop`.
+    Refused(u32, u32),
+    /// A state is refused for what is in it.
+    Faulty(Reason),
+    /// A signal has come.
+    Interrupted,
 }
 
 /// A motion of one joint on a path without a jerk at its ends.
@@ -93,6 +102,8 @@ pub(super) struct Mover<'a, const N: usize> {
     last: Option<JointMotion<N>>,
     /// Where the arm was found.
     home: Option<SVector<f64, N>>,
+    /// Whether a signal has come.
+    stop: Arc<AtomicBool>,
     /// Since the last [`Mover::forget`].
     pub(super) trace: Vec<Moment<N>>,
 }
@@ -103,6 +114,7 @@ impl<'a, const N: usize> Mover<'a, N> {
         ports: ControllerPorts,
         chain: &'a Chain<N>,
         config: &ControllerConfig,
+        stop: &Arc<AtomicBool>,
     ) -> Self {
         let limits = JointLimits::new(chain, &config.robot);
         Self {
@@ -116,6 +128,7 @@ impl<'a, const N: usize> Mover<'a, N> {
             state: None,
             last: None,
             home: None,
+            stop: Arc::clone(stop),
             trace: Vec::new(),
         }
     }
@@ -204,6 +217,9 @@ impl<'a, const N: usize> Mover<'a, N> {
         let begun_ns = monotonic_ns();
         let mut held_ns = 0;
         while monotonic_ns() - begun_ns < 5_000_000_000 {
+            if self.stop.load(Ordering::Relaxed) {
+                return Err(Broken::Interrupted);
+            }
             self.look();
             let measured = self.measured();
             let (mode, held) = match self.motion.brake(self.chain, measured, false, self.period_s())
@@ -263,8 +279,15 @@ impl<'a, const N: usize> Mover<'a, N> {
     }
 
     fn look_after(&self, path: &Path, offset: f64, measured: &JointState<N>) -> Result<(), Broken> {
-        let (_, received_ns) = self.state.ok_or(Broken::Stale)?;
-        if monotonic_ns().saturating_sub(received_ns) > STATE_AGE_MAX_NS {
+        let (state, received_ns) = self.state.as_ref().ok_or(Broken::Stale)?;
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(Broken::Interrupted);
+        }
+        if (state.robot_mode, state.safety_stop) != (RobotMode::Running.to_wire(), 0) {
+            return Err(Broken::Refused(state.robot_mode, state.safety_stop));
+        }
+        state.check(N).map_err(Broken::Faulty)?;
+        if monotonic_ns().saturating_sub(*received_ns) > STATE_AGE_MAX_NS {
             return Err(Broken::Stale);
         }
         let home = self.home.unwrap_or(measured.position);
@@ -292,6 +315,7 @@ impl<'a, const N: usize> Mover<'a, N> {
 
     /// Tells the robot that the controller leaves.
     pub(super) fn leave(mut self) {
+        (self.command.velocity, self.command.acceleration) = Default::default();
         for _ in 0..20 {
             self.look();
             self.publish(CommandMode::Stop, Reason::StopRequested);

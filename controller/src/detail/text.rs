@@ -55,7 +55,7 @@ fn joint_text(snapshot: &Snapshot) -> Option<String> {
         About::VelocityNotFinite => not_finite(&joint, "velocity", seen),
         About::TorqueNotFinite => not_finite(&joint, "torque", seen),
         About::Speed => format!(
-            "{joint} has a velocity of {seen:.3}, at most {most:.3} rad/s or m/s is believed: \
+            "{joint} has a velocity of {seen:.3}, at most {least:.3} rad/s or m/s is believed: \
              likely another unit, or the difference of two readings"
         ),
         About::PositionJump => {
@@ -75,7 +75,7 @@ fn joint_text(snapshot: &Snapshot) -> Option<String> {
              before: likely a velocity that is not filtered, or of another unit"
         ),
         About::Drift => format!(
-            "{joint} has moved by {seen:.4} beside what its velocities say, at most {most:.4} rad or m is \
+            "{joint} has moved by {seen:.4} beside what its velocities say, at most {least:.4} rad or m is \
              believed: measure the velocity, in rad/s or m/s and with the position's sign"
         ),
         About::Frozen => format!(
@@ -316,7 +316,12 @@ fn obstacle_text(detail: &Detail) -> Option<String> {
         About::ObstacleKind => format!("{obstacle} has `kind` {seen}, expected 0 to 3"),
         About::ObstacleMark => format!("{obstacle} has `valid` {seen}, expected 0 or 1"),
         About::ObstacleSize => format!(
-            "{obstacle} has `size[{one}]` {seen} m, expected more than 0: one that is not there has `valid` 0"
+            "{obstacle} has `size[{one}]` {seen} m, expected more than 0, and a radius of at most 20: publish \
+             metres; one that is not there has `valid` 0"
+        ),
+        About::ObstacleFar => format!(
+            "{obstacle} is {seen:.1} m from the base, at most {one:.0} m is believed: publish metres, and leave \
+             out what is out of reach"
         ),
         About::ObstacleQuaternion => format!(
             "{obstacle} has a quaternion of length {seen:.4}, expected 1: normalise it, w x y z"

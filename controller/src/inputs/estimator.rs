@@ -10,6 +10,7 @@ use tprmp_messages::{Reason, RobotState};
 
 use crate::detail::{About, Detail};
 use crate::inputs::offender;
+use crate::inputs::velocity::VelocityWatch;
 
 /// Positions and velocities of the joints.
 #[derive(Debug, Clone, Copy)]
@@ -29,11 +30,6 @@ const SPEED_UP_S: f64 = 0.005;
 const VELOCITY_NOISE: f64 = 0.1;
 /// Noise of a position and of its time stamp, as the time in which the largest speed covers it \[s\].
 const POSITION_NOISE_S: f64 = 0.01;
-/// The sum of what positions change by beside their velocities fades with this time constant \[s\] …
-const DRIFT_FADE_S: f64 = 0.25;
-/// … and may be what the largest speed covers in this time: a velocity that is not measured is found at
-/// eight hundredths of the largest speed \[s\].
-const DRIFT_MAX_S: f64 = 0.02;
 /// A contradicting state is believed once states have confirmed it for so long \[ns\] …
 const CONFIRMED_NS: u64 = 50_000_000;
 /// … and at least so many: a first state too.
@@ -71,8 +67,7 @@ pub struct StateEstimator<const N: usize> {
     lost_in_a_row_max: u64,
     believed: Option<Measured<N>>,
     candidate: Option<Candidate<N>>,
-    /// Σ Δq − q̇ Δt, fading \[rad or m\].
-    drift: SVector<f64, N>,
+    velocities: VelocityWatch<N>,
     /// Of the newest state.
     verdict: Result<(), Detail>,
     /// Hash of the joints' names in order; `None` where it is not compared.
@@ -100,7 +95,7 @@ impl<const N: usize> StateEstimator<N> {
             lost_in_a_row_max,
             believed: None,
             candidate: None,
-            drift: SVector::zeros(),
+            velocities: VelocityWatch::new(),
             verdict: Err(Detail::plain(Reason::StateStale)),
             names: None,
             sequence: None,
@@ -210,12 +205,7 @@ impl<const N: usize> StateEstimator<N> {
             return self.confirm(candidate, &now, (detail, CONFIRMED_NS), now_ns);
         }
         self.accept(&believed, &now);
-        if let Some(i) = (0..N).find(|&i| self.drift[i].abs() > self.speed_max[i] * DRIFT_MAX_S) {
-            let most = [self.speed_max[i] * DRIFT_MAX_S, 0.0];
-            let reason = Reason::VelocityUnbelievable;
-            return Err(Detail::new(reason, About::Drift, self.drift[i], most).at(i));
-        }
-        Ok(())
+        self.velocities.find(&self.speed_max).map_or(Ok(()), Err)
     }
 
     fn other_clock(&self, now: &Measured<N>, now_ns: u64) -> Detail {
@@ -263,8 +253,8 @@ impl<const N: usize> StateEstimator<N> {
 
     fn accept(&mut self, last: &Measured<N>, now: &Measured<N>) {
         let elapsed_s = elapsed_s(last, now);
-        self.drift *= (-elapsed_s / DRIFT_FADE_S).exp();
-        self.drift += beside(last, now, elapsed_s);
+        let moved = now.joints.position - last.joints.position;
+        self.velocities.update(&moved, &beside(last, now, elapsed_s), elapsed_s);
         self.believed = Some(*now);
     }
 
@@ -293,7 +283,7 @@ impl<const N: usize> StateEstimator<N> {
         let agreed_ns = now_ns.saturating_sub(candidate.since_ns);
         if candidate.count >= CONFIRMED_BY && agreed_ns >= confirmed_ns {
             self.believed = Some(*now);
-            self.drift = SVector::zeros();
+            self.velocities = VelocityWatch::new();
             return Ok(());
         }
         self.candidate = Some(candidate);

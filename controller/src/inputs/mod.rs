@@ -6,3 +6,4 @@ pub mod frozen;
 pub mod inbox;
 pub mod offender;
 pub mod scene;
+pub mod velocity;
