@@ -187,7 +187,6 @@ class Reason(IntEnum):
     FRAME_TWICE = 48  # Two sources publish the same frame, or have the same name.
     # A joint that is a little outside its position limits is moved back, slowly.
     JOINT_RETURNING = 49
-    OBSTACLE_FAR = 50  # An obstacle is farther from the base than any arm reaches.
 
 
 class ObstacleKind(IntEnum):

@@ -120,11 +120,6 @@ const FAULTS: &[Fault] = &[
     fault("a frame in millimetres", Reason::FrameFar, |_, f| {
         f.frames[GOAL].position = [500.0, -200.0, 29.4];
     }),
-    fault("a ball in millimetres", Reason::ObstacleFar, |_, f| {
-        f.obstacle_count = 1;
-        f.obstacles[0].valid = 1;
-        (f.obstacles[0].position, f.obstacles[0].size[0]) = ([480.0, 0.0, 600.0], 12.0);
-    }),
     fault("a ball of radius 0", Reason::ObstacleSize, |_, f| {
         f.obstacle_count = 1;
         f.obstacles[0].valid = 1;

@@ -153,7 +153,7 @@ impl Obstacle {
     ///
     /// # Errors
     /// When its mark or kind is none that there is, a size is zero or negative (but the length of a capsule
-    /// may be zero), a radius or its place is beyond [`FRAME_DISTANCE_MAX_M`], a number is not finite, or the quaternion is not of unit length.
+    /// may be zero), a radius is beyond [`FRAME_DISTANCE_MAX_M`], a number is not finite, or the quaternion is not of unit length.
     pub fn check(&self) -> Result<ObstacleKind, Reason> {
         check(self.valid == 1, Reason::ObstacleUnknown)?;
         check(finite(self.quaternion.iter().chain(&self.size)), Reason::FrameNotFinite)?;
@@ -163,20 +163,7 @@ impl Obstacle {
         check(!turns || is_unit(self.quaternion), Reason::ObstacleQuaternion)?;
         let motion = [self.position, self.linear_velocity, self.angular_velocity];
         check(finite(motion.as_flattened()), Reason::FrameNotFinite)?;
-        check(self.is_near(kind), Reason::ObstacleFar)?;
         Ok(kind)
-    }
-
-    /// Its distance from the base \[m\].
-    #[must_use]
-    pub fn distance_m(&self) -> f64 {
-        self.position.iter().map(|p| p * p).sum::<f64>().sqrt()
-    }
-
-    /// Whether it is no farther than [`FRAME_DISTANCE_MAX_M`]. A half-space is anywhere, and so is a box as large.
-    fn is_near(&self, kind: ObstacleKind) -> bool {
-        let size = if kind == ObstacleKind::Box { self.size.iter().sum() } else { 0.0 };
-        kind == ObstacleKind::HalfSpace || self.distance_m() <= FRAME_DISTANCE_MAX_M + size
     }
 }
 

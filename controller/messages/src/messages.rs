@@ -382,8 +382,6 @@ wire_enum! {
         FrameTwice = 48,
         /// A joint that is a little outside its position limits is moved back, slowly.
         JointReturning = 49,
-        /// An obstacle is farther from the base than any arm reaches.
-        ObstacleFar = 50,
     }
 }
 

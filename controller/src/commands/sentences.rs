@@ -101,7 +101,6 @@ const SENTENCES: &[(Reason, &str)] = &[
     (Reason::GripperAwaited, "at the goal, waiting for the gripper to hold"),
     (Reason::FrameTwice, "two sources publish the same frame, or have the same name"),
     (Reason::JointReturning, "a joint a little outside its position limits is moved back, slowly"),
-    (Reason::ObstacleFar, "an obstacle is farther from the base than any arm reaches"),
 ];
 
 /// The sentence of a reason; `None` where the policy is followed and makes progress.

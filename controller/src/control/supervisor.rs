@@ -60,7 +60,6 @@ pub fn kind(reason: Reason) -> Kind {
         | Reason::FrameFar
         | Reason::QuaternionOrder
         | Reason::ObstacleCount
-        | Reason::ObstacleFar
         | Reason::ObstacleSize
         | Reason::ObstacleQuaternion
         | Reason::FrameTwice => Kind::Frames,

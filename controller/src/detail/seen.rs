@@ -82,8 +82,6 @@ about! {
     ObstacleMark,
     /// A size of an obstacle \[m\]; which of them.
     ObstacleSize,
-    /// Distance of an obstacle from the base \[m\]; the largest.
-    ObstacleFar,
     /// Length of an obstacle's quaternion.
     ObstacleQuaternion,
     /// An obstacle with a number that is not finite.

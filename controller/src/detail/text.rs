@@ -319,10 +319,6 @@ fn obstacle_text(detail: &Detail) -> Option<String> {
             "{obstacle} has `size[{one}]` {seen} m, expected more than 0, and a radius of at most 20: publish \
              metres; one that is not there has `valid` 0"
         ),
-        About::ObstacleFar => format!(
-            "{obstacle} is {seen:.1} m from the base, at most {one:.0} m is believed: publish metres, and leave \
-             out what is out of reach"
-        ),
         About::ObstacleQuaternion => format!(
             "{obstacle} has a quaternion of length {seen:.4}, expected 1: normalise it, w x y z"
         ),

@@ -195,9 +195,6 @@ fn of_obstacle(obstacle: &Obstacle, reason: Reason) -> Detail {
             let which = obstacle.bad_size(kind).unwrap_or(0);
             number(About::ObstacleSize, obstacle.size[which], which as f64)
         }
-        Reason::ObstacleFar => {
-            number(About::ObstacleFar, obstacle.distance_m(), FRAME_DISTANCE_MAX_M)
-        }
         Reason::ObstacleQuaternion => {
             number(About::ObstacleQuaternion, quaternion_length(obstacle.quaternion), 1.0)
         }

@@ -237,8 +237,6 @@ typedef enum tprmp_reason {
     TPRMP_REASON_FRAME_TWICE = 48,
     /* A joint that is a little outside its position limits is moved back, slowly. */
     TPRMP_REASON_JOINT_RETURNING = 49,
-    /* An obstacle is farther from the base than any arm reaches. */
-    TPRMP_REASON_OBSTACLE_FAR = 50,
 } tprmp_reason;
 
 /* Shape of an obstacle. */
