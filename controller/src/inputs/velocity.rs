@@ -13,6 +13,8 @@ const DRIFT_MAX_S: f64 = 0.02;
 /// \[rad or m\] …
 const UNEXPLAINED_MIN: f64 = 0.012;
 const UNEXPLAINED_FRACTION: f64 = 0.95;
+/// A single state counts for no more: one jump is no velocity \[rad or m\].
+const JUMP_MAX: f64 = 0.004;
 /// … for so long is none, or has another sign or unit: longer than a velocity lags by, 30 ms \[s\].
 const UNEXPLAINED_S: f64 = 0.04;
 
@@ -21,7 +23,8 @@ const UNEXPLAINED_S: f64 = 0.04;
 pub struct VelocityWatch<const N: usize> {
     /// Σ Δq − q̇ Δt, fading \[rad or m\].
     drift: SVector<f64, N>,
-    /// Σ Δq, fading \[rad or m\].
+    /// The same without jumps, and Σ Δq without them, fading \[rad or m\].
+    unexplained: SVector<f64, N>,
     moved: SVector<f64, N>,
     /// For how long each velocity explains nothing of it \[s\].
     unexplained_s: SVector<f64, N>,
@@ -32,17 +35,19 @@ impl<const N: usize> VelocityWatch<N> {
     #[must_use]
     pub fn new() -> Self {
         let zeros = SVector::zeros();
-        Self { drift: zeros, moved: zeros, unexplained_s: zeros }
+        Self { drift: zeros, unexplained: zeros, moved: zeros, unexplained_s: zeros }
     }
 
     /// Updates with what the positions have changed by, and with what of it is beside the velocities, in a time \[s\].
     pub fn update(&mut self, moved: &SVector<f64, N>, beside: &SVector<f64, N>, elapsed_s: f64) {
         let kept = (-elapsed_s / DRIFT_FADE_S).exp();
         self.drift = self.drift * kept + beside;
-        self.moved = self.moved * kept + moved;
+        let jumpless = beside.map(|beside| beside.clamp(-JUMP_MAX, JUMP_MAX));
+        self.unexplained = self.unexplained * kept + jumpless;
+        self.moved = self.moved * kept + (moved - beside) + jumpless;
         for i in 0..N {
-            let (drift, moved) = (self.drift[i].abs(), self.moved[i].abs());
-            let unexplained = moved >= UNEXPLAINED_MIN && drift >= UNEXPLAINED_FRACTION * moved;
+            let (beside, moved) = (self.unexplained[i].abs(), self.moved[i].abs());
+            let unexplained = moved >= UNEXPLAINED_MIN && beside >= UNEXPLAINED_FRACTION * moved;
             let so_far_s = self.unexplained_s[i];
             self.unexplained_s[i] = if unexplained { so_far_s + elapsed_s } else { 0.0 };
         }
@@ -88,6 +93,12 @@ mod tests {
             let at = found_at(position, |t| factor * 2.0 * t);
             assert!(at.is_some_and(|at| at < 0.05), "{factor}: {at:?}");
         }
+    }
+
+    #[test]
+    fn one_jump_of_a_position_is_no_velocity() {
+        let position = |t: f64| if t < 1.0 { 0.0 } else { 0.1 };
+        assert_eq!(found_at(position, |_| 0.0), None);
     }
 
     #[test]
