@@ -468,15 +468,14 @@ impl<const N: usize> Cycle<N> {
         if self.lasts {
             self.supervisor.fail(reason);
         }
-        // What was fed back so far was wrong: the robot brakes on its own, at once.
+        // What was fed back so far was wrong: the robot brakes on its own, at once. In lockstep it does where no time
+        // passes, in which the arm could be brought to rest.
         let misled = matches!(
             reason,
             Reason::VelocityUnbelievable | Reason::PositionsFrozen | Reason::JointOrder
         );
-        // In lockstep no time passes then, in which the arm could be brought to rest.
-        if misled && self.lasts {
-            self.motion.robot_brakes();
-        } else if self.time_stands && self.timing.pacing() == Pacing::Lockstep {
+        let stands = self.time_stands && self.timing.pacing() == Pacing::Lockstep;
+        if misled && self.lasts || stands {
             self.motion.robot_brakes();
         }
         // Whether the arm makes progress is judged anew once it goes on.

@@ -95,7 +95,7 @@ impl<const N: usize> StateEstimator<N> {
             lost_in_a_row_max,
             believed: None,
             candidate: None,
-            velocities: VelocityWatch::new(),
+            velocities: VelocityWatch::default(),
             verdict: Err(Detail::plain(Reason::StateStale)),
             names: None,
             sequence: None,
@@ -283,7 +283,7 @@ impl<const N: usize> StateEstimator<N> {
         let agreed_ns = now_ns.saturating_sub(candidate.since_ns);
         if candidate.count >= CONFIRMED_BY && agreed_ns >= confirmed_ns {
             self.believed = Some(*now);
-            self.velocities = VelocityWatch::new();
+            self.velocities = VelocityWatch::default();
             return Ok(());
         }
         self.candidate = Some(candidate);

@@ -30,14 +30,15 @@ pub struct VelocityWatch<const N: usize> {
     unexplained_s: SVector<f64, N>,
 }
 
-impl<const N: usize> VelocityWatch<N> {
+impl<const N: usize> Default for VelocityWatch<N> {
     /// Nothing has moved.
-    #[must_use]
-    pub fn new() -> Self {
+    fn default() -> Self {
         let zeros = SVector::zeros();
         Self { drift: zeros, unexplained: zeros, moved: zeros, unexplained_s: zeros }
     }
+}
 
+impl<const N: usize> VelocityWatch<N> {
     /// Updates with what the positions have changed by, and with what of it is beside the velocities, in a time \[s\].
     pub fn update(&mut self, moved: &SVector<f64, N>, beside: &SVector<f64, N>, elapsed_s: f64) {
         let kept = (-elapsed_s / DRIFT_FADE_S).exp();
@@ -76,7 +77,7 @@ mod tests {
 
     /// How far a joint has gone when its velocity is found not to be that of its positions, within 10 s.
     fn found_at(position: impl Fn(f64) -> f64, velocity: impl Fn(f64) -> f64) -> Option<f64> {
-        let mut watch = VelocityWatch::<1>::new();
+        let mut watch = VelocityWatch::<1>::default();
         (1..5000_u32).find_map(|k| {
             let [last, now] = [k - 1, k].map(|k| f64::from(k) * STEP_S);
             let moved = position(now) - position(last);
