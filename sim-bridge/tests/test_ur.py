@@ -274,7 +274,7 @@ def test_what_is_faster_than_the_slow_mode_is_refused_and_brakes(robot, instance
     assert code == 0
     assert f"at most {most:.4f} may be" in said
     assert "refused, the arm brakes: command" in said
-    assert max(abs(qd[0]) for _, qd, _ in robot.trace) < 1.05 * SPEED
+    assert max(abs(qd[0]) for _, qd, _ in robot.trace) < 1.05 * most
 
 
 def test_a_stop_for_safety_is_published_and_after_it_the_arm_obeys_again(served, instance_name):
