@@ -415,8 +415,9 @@ impl<const N: usize> Cycle<N> {
             .policy
             .evaluate(q, qd, &self.task.task(), &parameters, &mut self.workspace)
             .map_err(|_| Reason::ResolveFailed)?;
-        let order = self.inbox.order_of_start(&decision.tool).filter(|_| self.motion.is_holding());
-        if let Some(detail) = order {
+        if self.motion.is_holding()
+            && let Some(detail) = self.inbox.order_of_start(&decision.tool)
+        {
             self.note(detail);
             return Err(detail.reason);
         }

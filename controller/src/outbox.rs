@@ -63,15 +63,7 @@ impl Outbox {
 
     /// Puts a setpoint into the next command.
     pub fn set<const N: usize>(&mut self, setpoint: &Setpoint<N>) {
-        for (from, to) in [
-            (&setpoint.motion.position, &mut self.command.position),
-            (&setpoint.motion.velocity, &mut self.command.velocity),
-            (&setpoint.motion.acceleration, &mut self.command.acceleration),
-            (&setpoint.torques.motion, &mut self.command.torque),
-            (&setpoint.torques.gravity, &mut self.command.gravity_torque),
-        ] {
-            to[..N].copy_from_slice(from.as_slice());
-        }
+        setpoint.write(&mut self.command);
     }
 
     /// Puts what remains of the task, and V of its skills \[J\], into the next statuses.

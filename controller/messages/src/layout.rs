@@ -17,6 +17,20 @@ pub enum Scalar {
     Message(&'static str),
 }
 
+impl Scalar {
+    /// As Rust calls it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::U8 => "u8",
+            Self::U32 => "u32",
+            Self::U64 => "u64",
+            Self::F64 => "f64",
+            Self::Message(name) => name,
+        }
+    }
+}
+
 /// A field of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FieldLayout {

@@ -15,13 +15,13 @@ use std::time::Duration;
 
 use nalgebra::SVector;
 use rustix::process::{Signal, getpid, kill_process};
-use tprmp_messages::{CommandMode, Instance, NAME_CAPACITY, ServiceError, stop_flag};
+use tprmp_messages::{CommandMode, Instance, NAME_CAPACITY, RobotState, ServiceError, stop_flag};
 use tprmp_model::controller_config::ControllerConfig;
 use tprmp_robot::Chain;
 
 use crate::conformance::motions::{Motions, rests};
 use crate::conformance::mover::{Moment, Mover, Path as Way};
-use crate::conformance::recording::Recording;
+use crate::conformance::recording::{Received, Recording};
 use crate::conformance::states::States;
 use crate::conformance::table::{Check, Table, Verdict};
 
@@ -148,17 +148,8 @@ impl<const N: usize> Kit<'_, N> {
         states.extend(Recording::take(&observer.state, None, AFTER_KILL).states);
         drop(observer);
         let _ = self.instance.clean();
-        let list = |values: [f64; 8]| SVector::from_column_slice(&values[..N]);
-        let trace: Vec<_> = states
-            .iter()
-            .map(|state| Moment {
-                time_ns: state.message.time_ns,
-                position: list(state.message.position),
-                velocity: list(state.message.velocity),
-                torque: list(state.message.torque),
-                commanded_torque: SVector::zeros(),
-            })
-            .collect();
+        let moment = |state: &Received<RobotState>| Moment::of(&state.message, SVector::zeros());
+        let trace: Vec<_> = states.iter().map(moment).collect();
         if trace.is_empty() { Err("no state came meanwhile".into()) } else { Ok(trace) }
     }
 

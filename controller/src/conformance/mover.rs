@@ -44,6 +44,20 @@ pub(super) struct Moment<const N: usize> {
     pub(super) commanded_torque: SVector<f64, N>,
 }
 
+impl<const N: usize> Moment<N> {
+    /// What a state says, under commanded torques without gravity \[N m or N\].
+    pub(super) fn of(state: &RobotState, commanded_torque: SVector<f64, N>) -> Self {
+        let list = |values: &[f64; 8]| SVector::from_column_slice(&values[..N]);
+        Self {
+            time_ns: state.time_ns,
+            position: list(&state.position),
+            velocity: list(&state.velocity),
+            torque: list(&state.torque),
+            commanded_torque,
+        }
+    }
+}
+
 /// Why a motion was ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Broken {
@@ -170,14 +184,8 @@ impl<'a, const N: usize> Mover<'a, N> {
         let _ = self.ports.update_connections();
         for _ in 0..STATE_BUFFER {
             let Some(sample) = self.ports.state.receive() else { break };
-            let list = |values: &[f64; 8]| SVector::from_column_slice(&values[..N]);
-            self.trace.push(Moment {
-                time_ns: sample.time_ns,
-                position: list(&sample.position),
-                velocity: list(&sample.velocity),
-                torque: list(&sample.torque),
-                commanded_torque: list(&self.command.torque),
-            });
+            let commanded = SVector::from_column_slice(&self.command.torque[..N]);
+            self.trace.push(Moment::of(&sample, commanded));
             self.state = Some((*sample, monotonic_ns()));
         }
     }
@@ -194,15 +202,7 @@ impl<'a, const N: usize> Mover<'a, N> {
 
     fn set(&mut self, setpoint: &crate::motion::generator::Setpoint<N>) {
         self.last = Some(setpoint.motion);
-        for (from, to) in [
-            (&setpoint.motion.position, &mut self.command.position),
-            (&setpoint.motion.velocity, &mut self.command.velocity),
-            (&setpoint.motion.acceleration, &mut self.command.acceleration),
-            (&setpoint.torques.motion, &mut self.command.torque),
-            (&setpoint.torques.gravity, &mut self.command.gravity_torque),
-        ] {
-            to[..N].copy_from_slice(from.as_slice());
-        }
+        setpoint.write(&mut self.command);
     }
 
     fn period_s(&self) -> f64 {

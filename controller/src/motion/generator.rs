@@ -2,7 +2,7 @@
 //! through here, in every mode: each continues the one before within the limits.
 
 use nalgebra::SVector;
-use tprmp_messages::{CommandMode, Reason};
+use tprmp_messages::{CommandMode, JointCommand, Reason};
 use tprmp_model::controller_config::{ControllerConfig, Impedance, PointLimits, Stop};
 use tprmp_robot::Chain;
 
@@ -35,6 +35,21 @@ pub struct Setpoint<const N: usize> {
     /// The acceleration that the arm is asked for: the motion's, without what the reference yields by
     /// \[rad/s² or m/s²\].
     pub asked: SVector<f64, N>,
+}
+
+impl<const N: usize> Setpoint<N> {
+    /// Writes it into a command.
+    pub fn write(&self, command: &mut JointCommand) {
+        for (from, to) in [
+            (&self.motion.position, &mut command.position),
+            (&self.motion.velocity, &mut command.velocity),
+            (&self.motion.acceleration, &mut command.acceleration),
+            (&self.torques.motion, &mut command.torque),
+            (&self.torques.gravity, &mut command.gravity_torque),
+        ] {
+            to[..N].copy_from_slice(from.as_slice());
+        }
+    }
 }
 
 /// What is known of the arm in relation to the reference.

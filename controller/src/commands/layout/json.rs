@@ -3,19 +3,13 @@
 use serde_json::{Value, json};
 use tprmp_messages::{
     CONSTANTS, ENUMS, FieldLayout, ICEORYX2_VERSION, MESSAGES, MessageLayout, PREFIX, ROOT,
-    SERVICES, Scalar, ServiceLayout,
+    SERVICES, ServiceLayout,
 };
 
 use super::plain;
 
 fn field(field: &FieldLayout) -> Value {
-    let scalar = match field.scalar {
-        Scalar::U8 => "u8",
-        Scalar::U32 => "u32",
-        Scalar::U64 => "u64",
-        Scalar::F64 => "f64",
-        Scalar::Message(name) => name,
-    };
+    let scalar = field.scalar.name();
     json!({
         "field": field.field, "offset": field.offset, "size": field.size, "type": scalar,
         "count": field.count, "meaning": plain(field.doc),

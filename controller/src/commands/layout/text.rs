@@ -3,19 +3,13 @@
 use std::fmt::Write as _;
 
 use tprmp_messages::{
-    CONSTANTS, ENUMS, FieldLayout, ICEORYX2_VERSION, MESSAGES, PREFIX, ROOT, SERVICES, Scalar,
+    CONSTANTS, ENUMS, FieldLayout, ICEORYX2_VERSION, MESSAGES, PREFIX, ROOT, SERVICES,
 };
 
 use super::plain;
 
 fn kind(field: &FieldLayout) -> String {
-    let scalar = match field.scalar {
-        Scalar::U8 => "u8",
-        Scalar::U32 => "u32",
-        Scalar::U64 => "u64",
-        Scalar::F64 => "f64",
-        Scalar::Message(name) => name,
-    };
+    let scalar = field.scalar.name();
     field.count.map_or(scalar.to_owned(), |count| format!("{scalar}[{count}]"))
 }
 
