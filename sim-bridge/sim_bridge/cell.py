@@ -11,7 +11,14 @@ import numpy as np
 from sim_bridge import settings
 from sim_bridge.errors import BridgeError
 from sim_bridge.kinematics import Chain, forward, load_chain
-from sim_bridge.messages import FRAME_CAPACITY, Frame, ObstacleKind, TaskFrames, place
+from sim_bridge.messages import (
+    FRAME_CAPACITY,
+    Frame,
+    ObstacleKind,
+    TaskFrames,
+    place,
+    place_obstacle,
+)
 from sim_bridge.poses import quaternion_from_rotation
 
 SCHEMA = "tprmp-cell/1"
@@ -74,9 +81,8 @@ class CellFrames:
         for frame, at in zip(self.message.frames[1:], self.fixed):
             place(frame, at.name, at.position_m, _unit(at.quaternion_wxyz))
         table = self.message.obstacles[0]
-        table.kind, table.valid = ObstacleKind.HALF_SPACE, 1
-        table.position[:] = (0.0, 0.0, self.cell.table_height_m)
-        table.quaternion[:] = (1.0, 0.0, 0.0, 0.0)
+        place_obstacle(table, ObstacleKind.HALF_SPACE)
+        table.position[2] = self.cell.table_height_m
 
     def start_at(self, position_rad: list[float]) -> None:
         """Puts the start frame where the tool is with the joints at `position_rad` [rad]."""

@@ -19,7 +19,7 @@ from sim_bridge.files import StandardStreams, printable
 if TYPE_CHECKING:
     from sim_bridge.joints import Joints
 
-UR_WARNING = "Not run on hardware yet."
+UNTRIED = "Not run on hardware yet."
 PYTHON_MIN = (3, 9)
 PYTHON_END = (3, 12)
 
@@ -295,9 +295,6 @@ def _command(parsed: argparse.Namespace) -> int:
     return command(_options(Options, parsed))
 
 
-FRANKA_UNTRIED = "Not run on hardware yet."
-
-
 def _add_franka(commands: argparse._SubParsersAction) -> None:
     parser = commands.add_parser(
         "franka",
@@ -308,8 +305,7 @@ def _add_franka(commands: argparse._SubParsersAction) -> None:
         "After a reflex it does not move again before it was started with --recover. Exit code 0: "
         "a signal ended it; 1: after a reflex; 2: bad input, or no arm.",
     )
-    usage = parser.format_help
-    parser.format_help = lambda: f"{FRANKA_UNTRIED}\n\n{usage()}"
+    _say_untried(parser)
     parser.set_defaults(action=_franka)
     parser.add_argument("--address", required=True, help="IP address of the arm's controller")
     parser.add_argument(
@@ -447,8 +443,7 @@ def _add_ur(commands: argparse._SubParsersAction) -> None:
         "faster than --speed-fraction are refused. Exit code 0: a signal ended it; 2: bad input, "
         "or the robot is gone.",
     )
-    usage = parser.format_help
-    parser.format_help = lambda: f"{UR_WARNING}\n\n{usage()}"
+    _say_untried(parser)
     parser.set_defaults(action=_ur)
     parser.add_argument("--host", required=True, help="address of the robot, e.g. 192.168.0.10")
     _add_frames(parser, required=True)
@@ -490,7 +485,7 @@ def _add_ur(commands: argparse._SubParsersAction) -> None:
 def _ur(parsed: argparse.Namespace) -> int:
     from sim_bridge.ur.publisher import Options, publish
 
-    print(UR_WARNING, file=sys.stderr, flush=True)
+    print(UNTRIED, file=sys.stderr, flush=True)
     return publish(_options(Options, parsed))
 
 
@@ -533,6 +528,12 @@ def _ur_server(parsed: argparse.Namespace) -> int:
     from sim_bridge.ur.stand_in import Options, stand_in
 
     return stand_in(_options(Options, parsed))
+
+
+def _say_untried(parser: argparse.ArgumentParser) -> None:
+    """Lets the help begin with what was never tried."""
+    usage = parser.format_help
+    parser.format_help = lambda: f"{UNTRIED}\n\n{usage()}"
 
 
 def _add_frames(parser: argparse.ArgumentParser, *, required: bool) -> None:

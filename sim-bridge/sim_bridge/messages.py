@@ -65,6 +65,13 @@ def place(
     frame.linear_velocity[:] = frame.angular_velocity[:] = (0.0, 0.0, 0.0)
 
 
+def place_obstacle(obstacle: Obstacle, kind: ObstacleKind, size: Sequence[float] = ()) -> None:
+    """Makes it a valid obstacle of this kind and sizes [m], upright where the base is."""
+    obstacle.kind, obstacle.valid = kind, 1
+    obstacle.quaternion[:] = (1.0, 0.0, 0.0, 0.0)
+    obstacle.size[: len(size)] = size
+
+
 def name_bytes(name: str) -> bytes:
     """A name as it is on the wire, padded with zeros: of a frame, or of a source of frames."""
     data = name.encode()

@@ -15,7 +15,7 @@ from sim_bridge.errors import BridgeError
 from sim_bridge.guard import Bounds
 from sim_bridge.kinematics import load_chain
 from sim_bridge.log import Log, load
-from sim_bridge.messages import ObstacleKind, TaskFrames, place
+from sim_bridge.messages import ObstacleKind, TaskFrames, place, place_obstacle
 from sim_bridge.poses import angular_velocity
 from sim_bridge.publisher import StatePublisher
 from sim_bridge.scene import Scene, load_scene
@@ -52,12 +52,9 @@ class Recording:
             log["tool_position_m"][0].tolist(),
             log["tool_quaternion_wxyz"][0].tolist(),
         )
-        ball, table = self.frames.obstacles[0], self.frames.obstacles[1]
-        ball.kind, table.kind = ObstacleKind.SPHERE, ObstacleKind.HALF_SPACE
-        ball.size[0] = scene.sphere.radius_m
-        for obstacle in (ball, table):
-            obstacle.valid = 1
-            obstacle.quaternion[:] = (1.0, 0.0, 0.0, 0.0)
+        obstacles = self.frames.obstacles
+        place_obstacle(obstacles[0], ObstacleKind.SPHERE, [scene.sphere.radius_m])
+        place_obstacle(obstacles[1], ObstacleKind.HALF_SPACE)
 
     def fill(self, robot: StatePublisher, row: int) -> None:
         """Writes a row into the messages."""

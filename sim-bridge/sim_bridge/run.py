@@ -13,7 +13,6 @@ the scenario's clock.
 
 from __future__ import annotations
 
-import gc
 import math
 import time
 from collections.abc import Iterator
@@ -42,10 +41,11 @@ from sim_bridge.messages import (
     RobotState,
     TaskFrames,
     joint_names_hash,
-    write_name,
+    place,
+    place_obstacle,
 )
 from sim_bridge.poses import Array, quaternion_from_rotation
-from sim_bridge.priority import real_time
+from sim_bridge.priority import no_collection, real_time
 from sim_bridge.scene import Episode, Scene, draw_episode
 from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
 from sim_bridge.world import World
@@ -116,17 +116,12 @@ class Publication:
         names = world.chain.joint_names
         self.state = RobotState(joint_count=len(names), joint_names_hash=joint_names_hash(names))
         x_start = world.tool_pose()
-        start, goal = self.frames.frames[0], self.frames.frames[1]
-        write_name(start, start_frame)
-        write_name(goal, goal_frame)
-        start.valid = goal.valid = 1
-        start.position[:] = x_start[:3, 3].tolist()
-        start.quaternion[:] = quaternion_from_rotation(x_start[:3, :3]).tolist()
-        sphere, table = self.frames.obstacles[0], self.frames.obstacles[1]
-        sphere.kind, table.kind = ObstacleKind.SPHERE, ObstacleKind.HALF_SPACE
-        sphere.valid = table.valid = 1
-        sphere.quaternion[:] = table.quaternion[:] = (1.0, 0.0, 0.0, 0.0)
-        sphere.size[0] = world.scene.sphere.radius_m
+        quaternion = quaternion_from_rotation(x_start[:3, :3]).tolist()
+        place(self.frames.frames[0], start_frame, x_start[:3, 3].tolist(), quaternion)
+        place(self.frames.frames[1], goal_frame, (0.0, 0.0, 0.0))
+        obstacles = self.frames.obstacles
+        place_obstacle(obstacles[0], ObstacleKind.SPHERE, [world.scene.sphere.radius_m])
+        place_obstacle(obstacles[1], ObstacleKind.HALF_SPACE)
         self.position: list[float] = []
         self.velocity: list[float] = []
         self.object_position: Array = np.zeros(3)
@@ -465,18 +460,13 @@ def run(scene: Scene, options: Options) -> int:
                 "waiting for a controller",
                 flush=True,
             )
-            gc.collect()
-            gc.freeze()
-            gc.disable()
             try:
-                outcome = (this.lockstep if options.lockstep else this.real_time)(ports, stop)
+                with no_collection():
+                    outcome = (this.lockstep if options.lockstep else this.real_time)(ports, stop)
             except BaseException:
                 if this.log.rows > 0:
                     _finish(this, Outcome.FAILED, grasp)
                 raise
-            finally:
-                gc.enable()
-                gc.unfreeze()
         if this.log.rows == 0:
             print(f"outcome: {outcome.value} before a first command: no log is written")
             return 0

@@ -19,7 +19,7 @@ RECOVERY_STATES_MAX = 1000
 GRAVITY_M_S2 = (0.0, 0.0, -9.81)
 
 
-def library() -> ModuleType:
+def bindings() -> ModuleType:
     """pylibfranka; raises `BridgeError` with the command that installs it."""
     try:
         import pylibfranka
@@ -36,14 +36,14 @@ class Arm:
     """A connection to the arm. Its states are libfranka's own `RobotState`."""
 
     def __init__(self, address: str, *, enforce_real_time: bool) -> None:
-        self.library = library()
-        config = self.library.RealtimeConfig
+        self.bindings = bindings()
+        config = self.bindings.RealtimeConfig
         try:
-            self.robot = self.library.Robot(
+            self.robot = self.bindings.Robot(
                 address, config.kEnforce if enforce_real_time else config.kIgnore
             )
             self.model = self.robot.load_model()
-        except (RuntimeError, self.library.FrankaException) as error:
+        except (RuntimeError, self.bindings.FrankaException) as error:
             raise BridgeError(
                 f"the arm at {address} cannot be reached ({error}): check the address, that its "
                 "brakes are open and FCI is active in Desk, and with --real-time enforce that the "
@@ -51,7 +51,7 @@ class Arm:
             ) from error
         self._control = None
         self._torques = True
-        modes = self.library.RobotMode
+        modes = self.bindings.RobotMode
         self._modes = {
             int(modes.Idle): RobotMode.RUNNING,
             int(modes.Move): RobotMode.RUNNING,
@@ -101,14 +101,14 @@ class Arm:
         if self._torques:
             self._control = self._ask(self.robot.start_torque_control)
         else:
-            mode = self.library.ControllerMode.JointImpedance
+            mode = self.bindings.ControllerMode.JointImpedance
             self._control = self._ask(self.robot.start_joint_position_control, mode)
         return state
 
     def _ask(self, what: object, *arguments: object) -> object:
         try:
             return what(*arguments)
-        except (RuntimeError, self.library.FrankaException) as error:
+        except (RuntimeError, self.bindings.FrankaException) as error:
             raise BridgeError(f"the arm refuses `{what.__name__}`: {error}") from error
 
     def read(self) -> tuple[object, float]:
@@ -123,7 +123,7 @@ class Arm:
     def write(self, numbers: Sequence[float], *, finished: bool = False) -> None:
         """Answers the state read last by torques [N m] or positions [rad]."""
         assert len(numbers) == JOINTS, numbers
-        kind = self.library.Torques if self._torques else self.library.JointPositions
+        kind = self.bindings.Torques if self._torques else self.bindings.JointPositions
         command = kind(list(numbers))
         command.motion_finished = finished
         self._control.writeOnce(command)

@@ -10,20 +10,16 @@ has looked and starts the publisher again.
 
 from __future__ import annotations
 
-import gc
 import json
-import os
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from sim_bridge.cell import CellFrames
 from sim_bridge.errors import BridgeError
 from sim_bridge.files import check, write
-from sim_bridge.franka.arm import Arm, library
+from sim_bridge.franka.arm import Arm, bindings
 from sim_bridge.franka.hand import Grasp, Hand
 from sim_bridge.franka.limits import (
     ACCELERATION_MAX_RAD_S2,
@@ -47,6 +43,7 @@ from sim_bridge.messages import (
     RobotState,
     joint_names_hash,
 )
+from sim_bridge.priority import no_collection, real_time
 from sim_bridge.services import Instance, StatePublisherPorts, StopSignal
 
 INTERFACES = ("torque", "position")
@@ -223,7 +220,7 @@ class Driver:
             while not stop.requested:
                 self.tick(ports)
             self.ramp_down(ports)
-        except self.arm.library.ControlException as error:
+        except self.arm.bindings.ControlException as error:
             self.counts.reflexes += 1
             self.counts.reflex = str(error)
             self.watch(ports, stop)
@@ -267,7 +264,7 @@ def run(options: Options) -> int:
     """Drives the arm and prints what came of it; gives the exit code."""
     if options.summary is not None:
         check(options.summary, force=options.force)
-    library()
+    bindings()
     cell = CellFrames(options.scene)
     if cell.chain.joint_count != JOINTS:
         raise BridgeError(
@@ -281,7 +278,8 @@ def run(options: Options) -> int:
         with (
             StopSignal() as stop,
             StatePublisherPorts(Instance(options.instance)) as ports,
-            _scheduled(options.priority) as how,
+            real_time(options.priority, insist=False) as how,
+            no_collection(),
         ):
             return driver.drive(ports, stop, how)
     except RuntimeError as error:
@@ -328,25 +326,3 @@ def _finish(driver: Driver, options: Options) -> None:
         numbers |= {"success_rate_mean": mean, "slow_refusals": slow.refused}
         text = json.dumps({**numbers, "command_faults": faults}, indent=2)
         write(options.summary, text + "\n", force=options.force)
-
-
-@contextmanager
-def _scheduled(priority: int) -> Iterator[str]:
-    """SCHED_FIFO of this priority for the loop, where this user may; 0: without."""
-    before = os.sched_getscheduler(0), os.sched_getparam(0)
-    how = "normal scheduling"
-    if priority > 0:
-        try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-            how = f"SCHED_FIFO {priority}"
-        except (OSError, ValueError):
-            how = "normal scheduling (no right to SCHED_FIFO: expect lost states)"
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    try:
-        yield how
-    finally:
-        gc.enable()
-        gc.unfreeze()
-        os.sched_setscheduler(0, *before)
