@@ -8,9 +8,11 @@ use nalgebra::SVector;
 use crate::description::{
     ChainDescription, CollisionShape, JointDescription, JointKind, JointModel,
 };
-use crate::error::{UrdfError, UrdfErrorKind};
+use crate::document::Document;
+use crate::error::{UrdfError, UrdfErrorKind, UrdfFault};
 use crate::placement::Placement;
-use crate::urdf::{self, Selection};
+use crate::selection::Selection;
+use crate::urdf;
 
 /// A serial chain of `N` movable joints between the root link and a tool link. Immutable.
 #[derive(Debug, Clone)]
@@ -42,11 +44,20 @@ impl<const N: usize> Chain<N> {
         file: impl AsRef<Path>,
         selection: impl Into<Selection>,
     ) -> Result<Self, UrdfError> {
-        let (file, selection) = (file.as_ref(), selection.into());
-        urdf::read(file)
-            .and_then(|robot| urdf::describe(&robot, &selection))
-            .and_then(Self::from_description)
-            .map_err(|kind| UrdfError { file: file.to_owned(), kind })
+        Self::from_document(&Document::read(file)?, &selection.into())
+    }
+
+    /// As [`Self::from_urdf`], of a document that was read.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::from_urdf`].
+    pub fn from_document(document: &Document, selection: &Selection) -> Result<Self, UrdfError> {
+        urdf::describe(document, selection)
+            .and_then(|description| {
+                Self::from_description(description).map_err(|kind| vec![UrdfFault::new(kind)])
+            })
+            .map_err(|faults| UrdfError::of(&document.file, faults))
     }
 
     fn from_description(description: ChainDescription) -> Result<Self, UrdfErrorKind> {
@@ -120,7 +131,7 @@ impl<const N: usize> Chain<N> {
         &self.velocity_max
     }
 
-    /// Torque or force limits, positive [N m or N].
+    /// Torque or force limits, positive [N m or N]; +∞ for one that is missing and not needed.
     pub fn effort_max(&self) -> &SVector<f64, N> {
         &self.effort_max
     }

@@ -46,27 +46,38 @@
 mod chain;
 mod control_points;
 mod description;
-mod document;
+pub mod document;
 mod dynamics;
 mod error;
+mod foreign;
 mod inertia;
 mod kinematics;
+mod limits;
 mod placement;
+mod ranges;
+mod reader;
+mod sanitise;
+mod selection;
 mod self_pairs;
+mod tree;
 mod trigonometry;
 mod urdf;
+mod xacro;
+mod xml;
 
 pub use chain::Chain;
 pub use control_points::{
     CONTROL_POINT_CAPACITY, ControlPoint, ControlPointError, ControlPoints, INFLATION_MAX,
 };
 pub use description::{CollisionGeometry, CollisionShape, JointKind};
+pub use document::Document;
 pub use dynamics::{
     DynamicsError, forward_dynamics, gravity_torques, inverse_dynamics, mass_matrix,
 };
-pub use error::{UrdfError, UrdfErrorKind};
+pub use error::{BranchJoint, LackingLimits, UrdfError, UrdfErrorKind, UrdfFault};
 pub use kinematics::{
     Kinematics, forward_kinematics, forward_kinematics_with_velocity, point_motion, point_position,
 };
+pub use selection::{Interface, LimitOverride, Selection};
 pub use self_pairs::{Ignored, SelfPairs};
-pub use urdf::{JOINTS_MAX, JOINTS_MIN, Selection, count_joints};
+pub use urdf::{JOINTS_MAX, JOINTS_MIN, count_joints};

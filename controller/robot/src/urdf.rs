@@ -1,43 +1,27 @@
-//! From a URDF file to the description of a serial chain.
+//! From a document to the description of a serial chain: what the chain needs is judged, and all faults
+//! are found in one run.
 
-use std::collections::HashMap;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
 use nalgebra::Matrix3;
-use urdf_rs::{Geometry, Joint, JointType, Link, Pose, Robot};
 
 use crate::description::{
-    ChainDescription, CollisionGeometry, CollisionShape, JointDescription, JointKind, JointLimits,
-    JointModel,
+    ChainDescription, CollisionGeometry, CollisionShape, JointDescription, JointKind, JointModel,
 };
-use crate::document;
-use crate::error::{UrdfError, UrdfErrorKind as Kind};
+use crate::document::{Document, Inertial, Joint, JointType, Link, Origin, Owner, Shape};
+use crate::error::{BranchJoint, UrdfError, UrdfErrorKind as Kind, UrdfFault};
 use crate::inertia::SpatialInertia;
+use crate::limits::{self, Lacking};
 use crate::placement::Placement;
+use crate::ranges::{ANGLE_MAX_RAD, INERTIA_MAX_KG_M2, LENGTH_MAX_M, MASS_MAX_KG, bounded};
+use crate::selection::{Interface, Selection};
+use crate::tree::{Motion, Tree};
 
 /// Fewest movable joints of a chain.
 pub const JOINTS_MIN: usize = 2;
 /// Most movable joints of a chain.
 pub const JOINTS_MAX: usize = 8;
-
-/// Largest file [bytes]; descriptions of whole humanoids have some hundred thousand.
-const BYTES_MAX: u64 = 4 << 20;
-// Larger numbers are typing errors, or made to overflow: far beyond any arm, and products of several stay finite.
-/// Largest mass of a link [kg].
-const MASS_MAX_KG: f64 = 1e5;
-/// Largest entry of a link's rotational inertia [kg m²].
-const INERTIA_MAX_KG_M2: f64 = 1e7;
-/// Largest coordinate and dimension [m].
-const LENGTH_MAX_M: f64 = 1e3;
-/// Largest angle of an origin [rad]: the sine of a larger one has lost its digits.
-const ANGLE_MAX_RAD: f64 = 1e6;
-/// Largest speed limit [rad/s or m/s].
-const SPEED_LIMIT_MAX: f64 = 1e6;
-/// Largest torque or force limit [N m or N].
-const EFFORT_LIMIT_MAX: f64 = 1e9;
-/// Position limits farther away than this are none [rad or m]; files write 1e16 for that.
-const POSITION_LIMIT_MAX: f64 = 1e18;
 
 /// Smallest principal moment accepted, as a factor of the largest: room for rounded figures.
 const PRINCIPAL_MOMENT_MIN: f64 = -1e-9;
@@ -47,57 +31,31 @@ const PRINCIPAL_MOMENT_MIN: f64 = -1e-9;
 ///
 /// # Errors
 ///
-/// [`UrdfError`] when the file cannot be read, the path has an unsupported joint, or the number is
-/// out of range. Limits, inertias and shapes are left to [`crate::Chain::from_urdf`].
+/// [`UrdfError`] with all that is wrong with the file or the selection, and when the number is out of
+/// range.
 pub fn count_joints(
     file: impl AsRef<Path>,
     selection: impl Into<Selection>,
 ) -> Result<usize, UrdfError> {
-    let (file, selection) = (file.as_ref(), selection.into());
-    read(file)
-        .and_then(|robot| count(&robot, &selection))
-        .map_err(|kind| UrdfError { file: file.to_owned(), kind })
+    Document::read(file)?.count_joints(&selection.into())
 }
 
-fn count(robot: &Robot, selection: &Selection) -> Result<usize, Kind> {
-    let tree = Tree::new(robot, selection)?;
-    let tool_link = &selection.tool_link;
-    let mut found = 0;
-    for joint in tree.path_to(tool_link)? {
-        found += usize::from(tree.joint_kind(joint)?.is_some());
+impl Document {
+    /// As [`count_joints`].
+    ///
+    /// # Errors
+    ///
+    /// As [`count_joints`].
+    pub fn count_joints(&self, selection: &Selection) -> Result<usize, UrdfError> {
+        let of = |faults| UrdfError::of(&self.file, faults);
+        let (chain, mut faults) = fold(self, selection).map_err(of)?;
+        let found = chain.joints.len();
+        if !(JOINTS_MIN..=JOINTS_MAX).contains(&found) {
+            let (tool_link, min, max) = (selection.tool_link.clone(), JOINTS_MIN, JOINTS_MAX);
+            faults.push(UrdfFault::new(Kind::JointCountRange { tool_link, min, max, found }));
+        }
+        if faults.is_empty() { Ok(found) } else { Err(of(faults)) }
     }
-    if (JOINTS_MIN..=JOINTS_MAX).contains(&found) {
-        Ok(found)
-    } else {
-        let (tool_link, min, max) = (tool_link.clone(), JOINTS_MIN, JOINTS_MAX);
-        Err(Kind::JointCountRange { tool_link, min, max, found })
-    }
-}
-
-/// Which chain of a URDF is the robot.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Selection {
-    /// Link that is the base `B`; the root of the file when `None`. What lies above it is left out.
-    pub base_link: Option<String>,
-    /// Link at the end of the chain, the tool `E`.
-    pub tool_link: String,
-    /// Joints that are held at zero, as if they were fixed: those of a gripper, for example.
-    pub held_joints: Vec<String>,
-}
-
-impl From<&str> for Selection {
-    /// From the root of the file to `tool_link`, no joint held.
-    fn from(tool_link: &str) -> Self {
-        Self { tool_link: tool_link.to_owned(), ..Self::default() }
-    }
-}
-
-/// Reads and parses the file.
-pub(crate) fn read(file: &Path) -> Result<Robot, Kind> {
-    let text = tprmp_files::read_text(file, BYTES_MAX).map_err(Kind::NotReadable)?;
-    document::check(&text)?;
-    urdf_rs::read_from_string(&text)
-        .map_err(|error| Kind::NotUrdf(tprmp_files::shortened(&error.to_string())))
 }
 
 /// Where a link is fixed: the joint that moves it (none: the base) and its placement in that frame.
@@ -107,227 +65,280 @@ struct Anchor {
     placement: Placement,
 }
 
-/// Checks the robot and folds it into the selected chain.
-pub(crate) fn describe(robot: &Robot, selection: &Selection) -> Result<ChainDescription, Kind> {
-    let tree = Tree::new(robot, selection)?;
-    let tool_link = selection.tool_link.as_str();
-    let path = tree.path_to(tool_link)?;
-    let base = Anchor { joint: None, placement: Placement::IDENTITY };
-    let mut chain = ChainDescription {
+/// Folds a document into the selected chain.
+///
+/// # Errors
+/// All that is wrong with what the chain needs.
+pub(crate) fn describe(
+    document: &Document,
+    selection: &Selection,
+) -> Result<ChainDescription, Vec<UrdfFault>> {
+    let (chain, faults) = fold(document, selection)?;
+    if faults.is_empty() { Ok(chain) } else { Err(faults) }
+}
+
+/// The chain, and all that is wrong with what it needs.
+///
+/// # Errors
+/// What keeps the file from being a tree, or the selection from being a chain of it.
+fn fold(
+    document: &Document,
+    selection: &Selection,
+) -> Result<(ChainDescription, Vec<UrdfFault>), Vec<UrdfFault>> {
+    let (tree, faults) = Tree::new(document, selection)?;
+    let chain = ChainDescription {
         root_link: tree.root.to_owned(),
-        tool_link: tool_link.to_owned(),
+        tool_link: selection.tool_link.clone(),
         joints: Vec::new(),
         links: Vec::new(),
         link_placements: Vec::new(),
-        tool: base.placement,
+        tool: Placement::IDENTITY,
         collision_shapes: Vec::new(),
     };
-    // Depth first from the root; each link is visited once, as it has one parent.
-    let mut open = vec![(tree.root, base)];
-    while let Some((name, anchor)) = open.pop() {
-        add_link(&mut chain, tree.links[name], &anchor)?;
-        if name == tool_link {
-            chain.tool = anchor.placement;
-        }
-        // In reverse, so that links come in the order of the file.
-        for joint in tree.children(name).rev() {
-            let origin = placement("joint", &joint.name, &joint.origin)?;
-            let at_zero = Anchor { placement: anchor.placement.compose(&origin), ..anchor };
-            let on_path = path.iter().any(|other| other.name == joint.name);
-            let child = match tree.joint_kind(joint) {
-                Ok(None) => at_zero,
-                // The path is walked from the root, so joints come in its order.
-                Ok(Some(kind)) if on_path => add_joint(&mut chain, joint, kind, &at_zero)?,
-                Err(error) if on_path => return Err(error),
-                _ => {
-                    return Err(Kind::MovableBranch {
-                        joint: joint.name.clone(),
-                        found: type_name(joint),
-                        tool_link: tool_link.to_owned(),
-                    });
-                }
-            };
-            open.push((joint.child.link.as_str(), child));
+    let (lacking, branches, stated) = (Lacking::default(), Vec::new(), Vec::new());
+    let mut fold = Fold { tree, selection, chain, faults, lacking, branches, stated };
+    fold.walk();
+    fold.judge_whole();
+    Ok((fold.chain, fold.faults))
+}
+
+/// A chain that is being put together.
+struct Fold<'a> {
+    tree: Tree<'a>,
+    selection: &'a Selection,
+    chain: ChainDescription,
+    faults: Vec<UrdfFault>,
+    lacking: Lacking,
+    branches: Vec<BranchJoint>,
+    /// For each joint: whether the file says anything of the mass that it moves.
+    stated: Vec<bool>,
+}
+
+impl Fold<'_> {
+    /// Visits each link below the base once, depth first, as it has one parent.
+    fn walk(&mut self) {
+        let base = Anchor { joint: None, placement: Placement::IDENTITY };
+        let mut open = vec![(self.tree.root, base)];
+        while let Some((name, anchor)) = open.pop() {
+            self.add_link(name, &anchor);
+            // In reverse, so that links come in the order of the file.
+            let children: Vec<_> = self.tree.children(name).rev().collect();
+            for (index, joint) in children {
+                let child = self.add_joint(index, joint, &anchor);
+                open.push((joint.child.as_str(), child));
+            }
         }
     }
-    Ok(chain)
-}
 
-/// Adds what is fixed to a link to the joint that moves it.
-fn add_link(chain: &mut ChainDescription, link: &Link, anchor: &Anchor) -> Result<(), Kind> {
-    let inertia = link_inertia(link)?;
-    let shapes = link_shapes(link)?;
-    let Some(joint) = anchor.joint else { return Ok(()) };
-    let body = &mut chain.joints[joint].model.inertia;
-    *body = body.plus(&inertia.moved(&anchor.placement));
-    for (placement, geometry) in shapes {
-        let (link, placement) = (chain.links.len(), anchor.placement.compose(&placement));
-        chain.collision_shapes.push(CollisionShape { link, joint, placement, geometry });
-    }
-    chain.links.push((link.name.clone(), joint));
-    chain.link_placements.push(anchor.placement);
-    Ok(())
-}
-
-/// Adds a joint whose URDF frame is at `at_zero` at q = 0; returns where that frame is in the joint's own.
-fn add_joint(
-    chain: &mut ChainDescription,
-    joint: &Joint,
-    kind: JointKind,
-    at_zero: &Anchor,
-) -> Result<Anchor, Kind> {
-    let rotation = joint_frame(unit_axis(joint)?);
-    let axis = Placement { rotation, position: DVec3::ZERO };
-    chain.joints.push(JointDescription {
-        name: joint.name.clone(),
-        limits: joint_limits(joint)?,
-        model: JointModel {
-            kind,
-            placement: at_zero.placement.compose(&axis),
-            inertia: SpatialInertia::ZERO,
-        },
-    });
-    let back = Placement { rotation: rotation.transpose(), ..axis };
-    Ok(Anchor { joint: Some(chain.joints.len() - 1), placement: back })
-}
-
-/// The links and joints of a file, checked to be a tree.
-struct Tree<'a> {
-    robot: &'a Robot,
-    links: HashMap<&'a str, &'a Link>,
-    /// The parent joint of each link but the root.
-    parents: HashMap<&'a str, &'a Joint>,
-    /// The base.
-    root: &'a str,
-    held: &'a [String],
-}
-
-impl<'a> Tree<'a> {
-    fn new(robot: &'a Robot, selection: &'a Selection) -> Result<Self, Kind> {
-        let mut links = HashMap::new();
-        for link in &robot.links {
-            if links.insert(link.name.as_str(), link).is_some() {
-                return Err(Kind::DuplicateName { element: "link", name: link.name.clone() });
+    /// Adds what is fixed to a link to the joint that moves it.
+    fn add_link(&mut self, name: &str, anchor: &Anchor) {
+        if name == self.selection.tool_link {
+            self.chain.tool = anchor.placement;
+        }
+        let Some(joint) = anchor.joint else { return };
+        let (index, link) = self.tree.link(name);
+        let owner = Owner::Link(index);
+        self.tree.faults_of(owner, &["inertial"], &mut self.faults);
+        if let Some(inertial) = &link.inertial {
+            let body = &mut self.chain.joints[joint].model.inertia;
+            match link_inertia(link, inertial) {
+                Ok(inertia) => *body = body.plus(&inertia.moved(&anchor.placement)),
+                Err(kind) => self.faults.push(UrdfFault::at(link.line, kind)),
             }
         }
-        let mut names = HashMap::new();
-        let mut parents = HashMap::new();
-        for joint in &robot.joints {
-            if names.insert(joint.name.as_str(), ()).is_some() {
-                return Err(Kind::DuplicateName { element: "joint", name: joint.name.clone() });
-            }
-            for (role, link) in [("parent", &joint.parent.link), ("child", &joint.child.link)] {
-                if !links.contains_key(link.as_str()) {
-                    let (joint, link) = (joint.name.clone(), link.clone());
-                    return Err(Kind::UnknownLink { joint, role, link });
-                }
-            }
-            let child = joint.child.link.as_str();
-            if let Some(first) = parents.insert(child, joint) {
-                return Err(Kind::TwoParents {
-                    link: child.to_owned(),
-                    first: first.name.clone(),
-                    second: joint.name.clone(),
-                });
-            }
-        }
-        let roots: Vec<&str> = robot
-            .links
-            .iter()
-            .map(|link| link.name.as_str())
-            .filter(|name| !parents.contains_key(name))
-            .collect();
-        let [root] = roots[..] else {
-            return Err(Kind::RootCount { found: roots.into_iter().map(str::to_owned).collect() });
+        let is_unread = |fault: &crate::document::DocumentFault| {
+            fault.owner == owner && fault.part == "inertial"
         };
-        let held = &selection.held_joints;
-        if let Some(joint) = held.iter().find(|name| !names.contains_key(name.as_str())) {
-            let found = robot.joints.iter().map(|joint| joint.name.clone()).collect();
-            return Err(Kind::UnknownHeldJoint { joint: joint.clone(), found });
+        let is_stated = link.inertial.is_some() || self.tree.document.faults.iter().any(is_unread);
+        self.stated[joint] |= is_stated;
+        if !self.selection.ignores_shapes {
+            self.tree.faults_of(owner, &["collision"], &mut self.faults);
+            self.add_shapes(link, joint, anchor);
         }
-        let mut tree = Self { robot, links, parents, root, held };
-        for link in &robot.links {
-            tree.path_to(&link.name)?;
-        }
-        if let Some(base) = &selection.base_link {
-            let link = robot.links.iter().find(|link| link.name == *base);
-            tree.root = &link
-                .ok_or_else(|| Kind::UnknownBaseLink {
-                    base_link: base.clone(),
-                    found: robot.links.iter().map(|link| link.name.clone()).collect(),
-                })?
-                .name;
-        }
-        Ok(tree)
+        self.chain.links.push((link.name.clone(), joint));
+        self.chain.link_placements.push(anchor.placement);
     }
 
-    /// How the joint moves; `None` for a fixed one or one that is held.
-    fn joint_kind(&self, joint: &Joint) -> Result<Option<JointKind>, Kind> {
-        if self.held.contains(&joint.name) { Ok(None) } else { joint_kind(joint) }
-    }
-
-    /// The joints from the base to `tool_link`, in that order.
-    fn path_to(&self, tool_link: &str) -> Result<Vec<&'a Joint>, Kind> {
-        if !self.links.contains_key(tool_link) {
-            return Err(Kind::UnknownToolLink {
-                tool_link: tool_link.to_owned(),
-                found: self.robot.links.iter().map(|link| link.name.clone()).collect(),
-            });
-        }
-        let mut path = Vec::new();
-        let mut link = tool_link;
-        while let Some(joint) = self.parents.get(link).filter(|_| link != self.root) {
-            // A path without a loop has fewer joints than the file has links.
-            if path.len() >= self.links.len() {
-                return Err(Kind::ClosedLoop { link: link.to_owned() });
+    fn add_shapes(&mut self, link: &Link, joint: usize, anchor: &Anchor) {
+        for collision in &link.collisions {
+            let placed = placement("link", &link.name, &collision.origin);
+            match placed.and_then(|placed| Ok((placed, geometry(link, &collision.shape)?))) {
+                Ok((placement, geometry)) => self.chain.collision_shapes.push(CollisionShape {
+                    link: self.chain.links.len(),
+                    joint,
+                    placement: anchor.placement.compose(&placement),
+                    geometry,
+                }),
+                Err(kind) => self.faults.push(UrdfFault::at(link.line, kind)),
             }
-            path.push(*joint);
-            link = joint.parent.link.as_str();
         }
-        if link != self.root {
-            return Err(Kind::NotAbove {
-                base_link: self.root.to_owned(),
-                tool_link: tool_link.to_owned(),
-            });
-        }
-        path.reverse();
-        Ok(path)
     }
 
-    /// The joints whose parent is `link`.
-    fn children(&self, link: &str) -> impl DoubleEndedIterator<Item = &'a Joint> {
-        self.robot.joints.iter().filter(move |joint| joint.parent.link == link)
+    /// Adds a joint; returns where its child link is fixed.
+    fn add_joint(&mut self, index: usize, joint: &Joint, anchor: &Anchor) -> Anchor {
+        let is_on_path = self.tree.path.contains(&index);
+        let is_needed = is_on_path || anchor.joint.is_some();
+        let mut at_zero = *anchor;
+        if is_needed {
+            self.tree.faults_of(Owner::Joint(index), &["origin", "mimic"], &mut self.faults);
+            match placement("joint", &joint.name, &joint.origin) {
+                Ok(origin) => at_zero.placement = anchor.placement.compose(&origin),
+                Err(kind) => self.faults.push(UrdfFault::at(joint.line, kind)),
+            }
+        }
+        match self.tree.motion(index) {
+            Motion::Held(position) => self.hold(index, joint, position, is_needed, at_zero),
+            // The path is walked from the base, so joints come in its order.
+            Motion::Free(kind) if is_on_path => self.move_by(index, joint, kind, &at_zero),
+            Motion::Follows(master) if is_on_path => {
+                let named = |mimic: &crate::document::Mimic| mimic.joint.clone();
+                let master = master.map_or_else(
+                    || joint.mimic.as_ref().map_or_else(String::new, named),
+                    |master| self.tree.document.joints[master].name.clone(),
+                );
+                let joint_name = joint.name.clone();
+                self.faults
+                    .push(UrdfFault::at(joint.line, Kind::Follows { joint: joint_name, master }));
+                at_zero
+            }
+            Motion::Unsupported if is_on_path => {
+                let (joint_name, found) = (joint.name.clone(), joint.type_name());
+                let kind = Kind::UnsupportedJoint { joint: joint_name, found };
+                self.faults.push(UrdfFault::at(joint.line, kind));
+                at_zero
+            }
+            Motion::Follows(Some(master)) if !self.tree.path.contains(&master) => at_zero,
+            _ => {
+                let position = limits::nearest_to_zero(joint);
+                let (joint, found) = (joint.name.clone(), joint.type_name());
+                self.branches.push(BranchJoint { joint, found, position });
+                at_zero
+            }
+        }
+    }
+
+    /// Where the child link of a fixed or held joint is.
+    fn hold(
+        &mut self,
+        index: usize,
+        joint: &Joint,
+        position: f64,
+        is_needed: bool,
+        mut at_zero: Anchor,
+    ) -> Anchor {
+        let asked = self.selection.held_joints.get(&joint.name);
+        if let Some(&found) = asked
+            && let Some([lower, upper]) = limits::range_outside(joint, found)
+        {
+            let joint_name = joint.name.clone();
+            let kind = Kind::HeldOutside { joint: joint_name, lower, upper, found };
+            self.faults.push(UrdfFault::at(joint.line, kind));
+        }
+        if !is_needed || position == 0.0 {
+            return at_zero;
+        }
+        self.tree.faults_of(Owner::Joint(index), &["axis"], &mut self.faults);
+        match unit_axis(joint) {
+            Ok(axis) => {
+                at_zero.placement = at_zero.placement.compose(&displacement(joint, axis, position));
+            }
+            Err(kind) => self.faults.push(UrdfFault::at(joint.line, kind)),
+        }
+        at_zero
+    }
+
+    /// Adds a joint whose URDF frame is at `at_zero` at q = 0; returns where that frame is in the joint's own.
+    fn move_by(
+        &mut self,
+        index: usize,
+        joint: &Joint,
+        kind: JointKind,
+        at_zero: &Anchor,
+    ) -> Anchor {
+        self.tree.faults_of(Owner::Joint(index), &["axis"], &mut self.faults);
+        let axis = unit_axis(joint).unwrap_or_else(|kind| {
+            self.faults.push(UrdfFault::at(joint.line, kind));
+            DVec3::Z
+        });
+        let given = self.selection.limits.get(&joint.name).copied().unwrap_or_default();
+        let needs_effort = self.selection.interface == Interface::Effort;
+        if given.position.is_none()
+            || given.velocity.is_none()
+            || (given.effort.is_none() && needs_effort)
+        {
+            let parts = ["limit", "safety_controller"];
+            self.tree.faults_of(Owner::Joint(index), &parts, &mut self.faults);
+        }
+        let is_unread = self
+            .tree
+            .document
+            .faults
+            .iter()
+            .any(|fault| fault.owner == Owner::Joint(index) && fault.part == "limit");
+        let judged = limits::limits(joint, &given, needs_effort, is_unread, &mut self.lacking);
+        let limits = judged.unwrap_or_else(|(line, kind)| {
+            self.faults.push(UrdfFault::at(line, kind));
+            limits::UNKNOWN
+        });
+        let rotation = joint_frame(axis);
+        let axis = Placement { rotation, position: DVec3::ZERO };
+        let placement = at_zero.placement.compose(&axis);
+        let model = JointModel { kind, placement, inertia: SpatialInertia::ZERO };
+        self.chain.joints.push(JointDescription { name: joint.name.clone(), limits, model });
+        self.stated.push(false);
+        let back = Placement { rotation: rotation.transpose(), ..axis };
+        Anchor { joint: Some(self.chain.joints.len() - 1), placement: back }
+    }
+
+    /// What can be said once every link and joint was visited.
+    fn judge_whole(&mut self) {
+        if !self.branches.is_empty() {
+            let (root_link, tool_link) = (self.tree.root.to_owned(), self.chain.tool_link.clone());
+            let joints = std::mem::take(&mut self.branches);
+            self.faults.push(UrdfFault::new(Kind::MovableBranch { joints, root_link, tool_link }));
+        }
+        if let Some(kind) = std::mem::take(&mut self.lacking).fault() {
+            self.faults.push(UrdfFault::new(kind));
+        }
+        let names: Vec<_> = self.chain.joints.iter().map(|joint| joint.name.clone()).collect();
+        for joint in self.selection.limits.keys().filter(|joint| !names.contains(joint)) {
+            let (joint, expected) = (joint.clone(), names.clone());
+            self.faults.push(UrdfFault::new(Kind::UnknownLimitedJoint { joint, expected }));
+        }
+        if self.selection.interface == Interface::Effort {
+            self.judge_masses();
+        }
+    }
+
+    /// A torque accelerates masses: what a joint moves has one, or the file says that it has none and
+    /// something beyond it has.
+    fn judge_masses(&mut self) {
+        let (mut beyond, mut bodies) = (0.0, Vec::new());
+        for (i, joint) in self.chain.joints.iter().enumerate().rev() {
+            beyond += joint.model.inertia.mass;
+            if !self.stated[i] || beyond == 0.0 {
+                let links = self.chain.links.iter().filter(|(_, of)| *of == i);
+                bodies.push((joint.name.clone(), links.map(|(name, _)| name.clone()).collect()));
+            }
+        }
+        bodies.reverse();
+        if !bodies.is_empty() {
+            self.faults.push(UrdfFault::new(Kind::NoMass { bodies }));
+        }
     }
 }
 
-fn type_name(joint: &Joint) -> &'static str {
+/// The motion of a joint's child link from zero to a position.
+fn displacement(joint: &Joint, axis: DVec3, position: f64) -> Placement {
     match joint.joint_type {
-        _ if joint.mimic.is_some() => "mimic",
-        JointType::Revolute => "revolute",
-        JointType::Continuous => "continuous",
-        JointType::Prismatic => "prismatic",
-        JointType::Fixed => "fixed",
-        JointType::Floating => "floating",
-        JointType::Planar => "planar",
-        JointType::Spherical => "spherical",
-    }
-}
-
-/// How the joint moves; `None` for a fixed one.
-fn joint_kind(joint: &Joint) -> Result<Option<JointKind>, Kind> {
-    match joint.joint_type {
-        JointType::Fixed => Ok(None),
-        JointType::Revolute | JointType::Continuous if joint.mimic.is_none() => {
-            Ok(Some(JointKind::Revolute))
-        }
-        JointType::Prismatic if joint.mimic.is_none() => Ok(Some(JointKind::Prismatic)),
-        _ => Err(Kind::UnsupportedJoint { joint: joint.name.clone(), found: type_name(joint) }),
+        JointType::Prismatic => Placement { rotation: DMat3::IDENTITY, position: axis * position },
+        _ => Placement { rotation: DMat3::from_axis_angle(axis, position), position: DVec3::ZERO },
     }
 }
 
 fn unit_axis(joint: &Joint) -> Result<DVec3, Kind> {
-    bounded("joint", &joint.name, "axis xyz", &joint.axis.xyz.0, LENGTH_MAX_M)?;
-    let axis = DVec3::from_array(joint.axis.xyz.0);
+    bounded("joint", &joint.name, "axis xyz", &joint.axis, LENGTH_MAX_M)?;
+    let axis = DVec3::from_array(joint.axis);
     axis.try_normalize().ok_or_else(|| Kind::ZeroAxis { joint: joint.name.clone() })
 }
 
@@ -337,64 +348,24 @@ fn joint_frame(axis: DVec3) -> DMat3 {
     DMat3::from_cols(x, y, axis)
 }
 
-fn joint_limits(joint: &Joint) -> Result<JointLimits, Kind> {
-    let name = || joint.name.clone();
-    let limit = &joint.limit;
-    let numbers = [limit.lower, limit.upper, limit.velocity, limit.effort];
-    for (number, most) in numbers.iter().zip([
-        POSITION_LIMIT_MAX,
-        POSITION_LIMIT_MAX,
-        SPEED_LIMIT_MAX,
-        EFFORT_LIMIT_MAX,
-    ]) {
-        bounded("joint", &joint.name, "limit", &[*number], most)?;
-    }
-    if numbers == [0.0; 4] {
-        return Err(Kind::NoLimits { joint: name() });
-    }
-    let (speed, effort) = match joint.joint_type {
-        JointType::Prismatic => ("m/s", "N"),
-        _ => ("rad/s", "N m"),
-    };
-    for (limit, unit, found) in
-        [("velocity", speed, limit.velocity), ("effort", effort, limit.effort)]
-    {
-        if found <= 0.0 {
-            return Err(Kind::LimitNotPositive { joint: name(), limit, unit, found });
-        }
-    }
-    let (lower, upper) = match joint.joint_type {
-        JointType::Continuous => (f64::NEG_INFINITY, f64::INFINITY),
-        _ => (limit.lower, limit.upper),
-    };
-    if lower >= upper {
-        return Err(Kind::LimitOrder { joint: name(), lower, upper });
-    }
-    Ok(JointLimits { lower, upper, velocity: limit.velocity, effort: limit.effort })
-}
-
 /// Inertia of a link in its own frame.
-fn link_inertia(link: &Link) -> Result<SpatialInertia, Kind> {
-    let mass = link.inertial.mass.value;
+fn link_inertia(link: &Link, inertial: &Inertial) -> Result<SpatialInertia, Kind> {
+    let (mass, rows) = (inertial.mass, &inertial.inertia);
     bounded("link", &link.name, "mass", &[mass], MASS_MAX_KG)?;
     if mass < 0.0 {
         return Err(Kind::NegativeMass { link: link.name.clone(), found: mass });
     }
-    let i = &link.inertial.inertia;
-    let entries = [i.ixx, i.ixy, i.ixz, i.iyy, i.iyz, i.izz];
-    bounded("link", &link.name, "inertia", &entries, INERTIA_MAX_KG_M2)?;
-    let rows = [[i.ixx, i.ixy, i.ixz], [i.ixy, i.iyy, i.iyz], [i.ixz, i.iyz, i.izz]];
-    let moments = Matrix3::from(rows).symmetric_eigenvalues();
+    bounded("link", &link.name, "inertia", rows.as_flattened(), INERTIA_MAX_KG_M2)?;
+    let moments = Matrix3::from(*rows).symmetric_eigenvalues();
     if moments.min() < PRINCIPAL_MOMENT_MIN * moments.amax() {
         return Err(Kind::NegativeInertia { link: link.name.clone(), found: moments.min() });
     }
-    let Placement { rotation, position } = placement("link", &link.name, &link.inertial.origin)?;
-    let tensor = rotation * DMat3::from_cols_array_2d(&rows) * rotation.transpose();
+    let Placement { rotation, position } = placement("link", &link.name, &inertial.origin)?;
+    let tensor = rotation * DMat3::from_cols_array_2d(rows) * rotation.transpose();
     Ok(SpatialInertia::from_centre(mass, position, tensor))
 }
 
-/// Collision shapes of a link in its own frame.
-fn link_shapes(link: &Link) -> Result<Vec<(Placement, CollisionGeometry)>, Kind> {
+fn geometry(link: &Link, shape: &Shape) -> Result<CollisionGeometry, Kind> {
     let dimension = |dimension, found: f64| {
         bounded("link", &link.name, "collision geometry", &[found], LENGTH_MAX_M)?;
         if found > 0.0 {
@@ -403,62 +374,28 @@ fn link_shapes(link: &Link) -> Result<Vec<(Placement, CollisionGeometry)>, Kind>
             Err(Kind::DimensionNotPositive { link: link.name.clone(), dimension, found })
         }
     };
-    link.collision
-        .iter()
-        .map(|collision| {
-            let placement = placement("link", &link.name, &collision.origin)?;
-            let geometry = match &collision.geometry {
-                Geometry::Cylinder { radius, length } => CollisionGeometry::Cylinder {
-                    radius: dimension("radius", *radius)?,
-                    length: dimension("length", *length)?,
-                },
-                Geometry::Capsule { radius, length } => CollisionGeometry::Capsule {
-                    radius: dimension("radius", *radius)?,
-                    length: dimension("length", *length)?,
-                },
-                Geometry::Sphere { radius } => {
-                    CollisionGeometry::Sphere { radius: dimension("radius", *radius)? }
-                }
-                Geometry::Box { size } => CollisionGeometry::Box {
-                    size: DVec3::new(
-                        dimension("size", size[0])?,
-                        dimension("size", size[1])?,
-                        dimension("size", size[2])?,
-                    ),
-                },
-                Geometry::Mesh { .. } => CollisionGeometry::Mesh,
-            };
-            Ok((placement, geometry))
-        })
-        .collect()
-}
-
-/// The placement of an `<origin>`: rotation about x (roll), then y (pitch), then z (yaw) of the parent.
-fn placement(element: &'static str, name: &str, origin: &Pose) -> Result<Placement, Kind> {
-    bounded(element, name, "origin xyz", &origin.xyz.0, LENGTH_MAX_M)?;
-    bounded(element, name, "origin rpy", &origin.rpy.0, ANGLE_MAX_RAD)?;
-    let [roll, pitch, yaw] = origin.rpy.0;
-    let rotation =
-        DMat3::from_rotation_z(yaw) * DMat3::from_rotation_y(pitch) * DMat3::from_rotation_x(roll);
-    Ok(Placement { rotation, position: DVec3::from_array(origin.xyz.0) })
-}
-
-/// Refuses what is not finite, or larger than `most`.
-fn bounded(
-    element: &'static str,
-    name: &str,
-    quantity: &'static str,
-    numbers: &[f64],
-    most: f64,
-) -> Result<(), Kind> {
-    // Not a number is not at most anything.
-    let beyond = numbers.iter().find(|number| !number.is_finite() || number.abs() > most);
-    beyond.map_or(Ok(()), |&found| {
-        let name = name.to_owned();
-        Err(if found.is_finite() {
-            Kind::TooLarge { element, name, quantity, most, found }
-        } else {
-            Kind::NotFinite { element, name, quantity, found }
-        })
+    Ok(match *shape {
+        Shape::Cylinder { radius, length } => CollisionGeometry::Cylinder {
+            radius: dimension("radius", radius)?,
+            length: dimension("length", length)?,
+        },
+        Shape::Capsule { radius, length } => CollisionGeometry::Capsule {
+            radius: dimension("radius", radius)?,
+            length: dimension("length", length)?,
+        },
+        Shape::Sphere { radius } => {
+            CollisionGeometry::Sphere { radius: dimension("radius", radius)? }
+        }
+        Shape::Box { size: [x, y, z] } => CollisionGeometry::Box {
+            size: DVec3::new(dimension("size", x)?, dimension("size", y)?, dimension("size", z)?),
+        },
+        Shape::Mesh { .. } => CollisionGeometry::Mesh,
     })
+}
+
+/// The placement of an `<origin>` within its bounds.
+fn placement(element: &'static str, name: &str, origin: &Origin) -> Result<Placement, Kind> {
+    bounded(element, name, "origin xyz", &origin.xyz, LENGTH_MAX_M)?;
+    bounded(element, name, "origin rpy", &origin.rpy, ANGLE_MAX_RAD)?;
+    Ok(origin.placement())
 }

@@ -119,7 +119,9 @@ fn franka_panda_with_its_fingers_held() {
     let selection = Selection {
         base_link: Some("panda_link0".into()),
         tool_link: "panda_hand".into(),
-        held_joints: vec!["panda_finger_joint1".into(), "panda_finger_joint2".into()],
+        // The second one follows it.
+        held_joints: [("panda_finger_joint1".into(), 0.0)].into(),
+        ..Selection::default()
     };
     compare(&Chain::<7>::from_urdf(&file, selection).unwrap(), &oracle, 2, 4);
 }

@@ -10,7 +10,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tprmp_robot::{
     CONTROL_POINT_CAPACITY, Chain, CollisionGeometry, CollisionShape, ControlPoints, INFLATION_MAX,
-    Kinematics, forward_kinematics, point_position,
+    Interface, Kinematics, Selection, forward_kinematics, point_position,
 };
 
 /// Points tried on each shape.
@@ -172,7 +172,9 @@ fn one_link(test: &str, geometry: &str) -> Chain<2> {
         joint("bc", "b", "c")
     );
     std::fs::write(&file, text).unwrap();
-    Chain::from_urdf(file, "c").unwrap()
+    // Its links have no masses.
+    let interface = Interface::Motion;
+    Chain::from_urdf(file, Selection { interface, .."c".into() }).unwrap()
 }
 
 #[test]

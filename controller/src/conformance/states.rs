@@ -202,6 +202,9 @@ impl<const N: usize> States<'_, N> {
         let q = SVector::from_column_slice(&last.position[..N]);
         let gravity = gravity_torques(self.chain, &q, self.config.robot.gravity_m_s2.into());
         let i = gravity.iamax();
+        if self.chain.effort_max()[i].is_infinite() {
+            return Verdict::NotTried("the joints have no effort limits to compare it with".into());
+        }
         if gravity[i].abs() < GRAVITY_MIN * self.chain.effort_max()[i] {
             return Verdict::Passed("gravity hardly loads the joints here".into());
         }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 use tprmp_rmpflow::leaves::{ApproachFunnel, Barrier, JointDamping, PoseAttractor, SpeedBarrier};
-use tprmp_robot::Selection;
+use tprmp_robot::{Interface, LimitOverride, Selection};
 
 use crate::controller_config::check::Check;
 use crate::controller_config::drives::{Actuators, Disturbance, Impedance};
@@ -34,8 +34,11 @@ pub struct Robot {
     pub base_link: Option<String>,
     /// Link that the skill moves.
     pub tool_link: String,
-    /// Joints that are held at zero, as if they were fixed: those of a gripper, for example.
-    pub held_joints: Vec<String>,
+    /// Joints that are held, as if they were fixed, and where: those of a gripper, for example
+    /// \[rad or m\]. What mimics one of them follows it.
+    pub held_joints: BTreeMap<String, f64>,
+    /// Limits of joints in place of the URDF's.
+    pub limits: BTreeMap<String, JointLimit>,
     /// Names of the joints from base to tool: the order of every list and message.
     pub joints: Vec<String>,
     /// Spheres that cover the links; `None` derives them from the collision shapes of the URDF,
@@ -65,6 +68,21 @@ pub struct Robot {
     /// What points of the arm keep below; `None` where nothing but the joints' limits is asked for.
     #[serde(deserialize_with = "Option::deserialize")]
     pub point_limits: Option<PointLimits>,
+}
+
+/// Limits of a joint in place of those of the URDF, which are kept where it says `None`.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointLimit {
+    /// Least and greatest position \[rad or m\].
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub position: Option<[f64; 2]>,
+    /// Largest speed \[rad/s or m/s\].
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub velocity: Option<f64>,
+    /// Largest torque or force \[N m or N\].
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub effort: Option<f64>,
 }
 
 /// Limits of the tool and of the origins of all joints, the elbow's for one.
@@ -257,14 +275,34 @@ pub struct ControllerConfig {
 }
 
 impl Robot {
-    /// Which chain of the URDF it is.
+    /// Which chain of the URDF it is, and what is known of it beside.
     #[must_use]
     pub fn selection(&self) -> Selection {
+        let limits = self.limits.iter().map(|(joint, limit)| {
+            let JointLimit { position, velocity, effort } = *limit;
+            (joint.clone(), LimitOverride { position, velocity, effort })
+        });
         Selection {
             base_link: self.base_link.clone(),
             tool_link: self.tool_link.clone(),
             held_joints: self.held_joints.clone(),
+            limits: limits.collect(),
+            interface: match self.actuators {
+                Actuators::Torque(_) => Interface::Effort,
+                Actuators::PositionServo(_) | Actuators::VelocityServo(_) => Interface::Motion,
+            },
+            ignores_shapes: self.control_points.is_some(),
         }
+    }
+}
+
+impl ControllerConfig {
+    /// As [`Robot::selection`]; where nothing is kept clear of anything, nor do the shapes matter.
+    #[must_use]
+    pub fn selection(&self) -> Selection {
+        let mut selection = self.robot.selection();
+        selection.ignores_shapes |= self.collision.is_none() && self.self_collision.is_none();
+        selection
     }
 }
 
@@ -341,6 +379,13 @@ impl Robot {
         check.fraction("velocity_fraction", self.velocity_fraction);
         check.fraction("effort_fraction", self.effort_fraction);
         check.not_negative("position_margin", self.position_margin);
+        for (joint, limit) in &self.limits {
+            check.within(&format!("limits[\"{joint}\"]"), |check| limit.check(check));
+        }
+        for (joint, position) in &self.held_joints {
+            let key = format!("held_joints[\"{joint}\"]");
+            check.require(position.is_finite(), &key, "a finite number", position);
+        }
         if let Some(points) = &self.point_limits {
             check.positive("point_limits.speed_max_m_s", points.speed_max_m_s);
             check.positive("point_limits.acceleration_max_m_s2", points.acceleration_max_m_s2);
@@ -351,6 +396,20 @@ impl Robot {
             check.require(is_known, "working_range", "names from robot.joints", joint);
             let rises = range[0] < range[1] && range.iter().all(|end| end.is_finite());
             check.require(rises, "working_range", "a lower end below the upper one", range);
+        }
+    }
+}
+
+impl JointLimit {
+    fn check(&self, check: &mut Check) {
+        if let Some(range) = &self.position {
+            let rises = range[0] < range[1] && range.iter().all(|end| end.is_finite());
+            check.require(rises, "position", "a lower end below the upper one", range);
+        }
+        for (key, limit) in [("velocity", self.velocity), ("effort", self.effort)] {
+            if let Some(limit) = limit {
+                check.positive(key, limit);
+            }
         }
     }
 }

@@ -17,8 +17,8 @@ mod read;
 mod supervision;
 
 pub use config::{
-    Capability, ControlPoint, ControllerConfig, Done, FrameObserver, Loop, PointLimits, RealTime,
-    Robot, Stop, Trigger,
+    Capability, ControlPoint, ControllerConfig, Done, FrameObserver, JointLimit, Loop, PointLimits,
+    RealTime, Robot, Stop, Trigger,
 };
 pub use drives::{Actuators, Disturbance, Impedance, JointDrives, Load, Servo};
 pub use error::{ConfigError, Fault, Problem};
