@@ -45,8 +45,8 @@ pub use spheres::Sphere;
 use links::{Description, LinkShapes};
 use spheres::Coverable;
 
-/// Halvings of the interval in which the protrusion is looked for: to a fraction of a millimetre.
-const HALVINGS: usize = 11;
+/// The least protrusion is found to this \[m\].
+const RESOLUTION_M: f64 = 2.5e-4;
 /// Protrusions are looked for up to so much \[m\]; a sphere that sticks out farther is no cover.
 const PROTRUSION_MAX_M: f64 = 1.0;
 
@@ -185,8 +185,12 @@ fn check(options: &Options) -> Result<(), CoverError> {
 /// Spheres of each surface with the least protrusion, from the one asked for on, for which they are at most `most`.
 fn least_protrusion(surfaces: &[&Coverable], asked: f64, most: usize) -> Vec<(Vec<Sphere>, f64)> {
     let choose = |protrusion: f64| -> Option<Vec<Vec<usize>>> {
-        let chosen: Option<Vec<_>> =
-            surfaces.par_iter().map(|surface| surface.chosen(protrusion, most)).collect();
+        let of_one = |surface: &&Coverable| {
+            // Half again as many as there may be are too many to be reduced to that.
+            let chosen = surface.chosen(protrusion, most + most / 2 + 1)?;
+            Some(surface.reduced(chosen, protrusion))
+        };
+        let chosen: Option<Vec<_>> = surfaces.par_iter().map(of_one).collect();
         chosen.filter(|chosen| chosen.iter().map(Vec::len).sum::<usize>() <= most)
     };
     let (mut low, mut high) = (asked, asked);
@@ -195,22 +199,13 @@ fn least_protrusion(surfaces: &[&Coverable], asked: f64, most: usize) -> Vec<(Ve
         (low, high) = (high, 1.5 * high);
         best = choose(high);
     }
-    if high > asked {
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (low + high);
-            match choose(middle) {
-                Some(chosen) => (best, high) = (Some(chosen), middle),
-                None => low = middle,
-            }
+    while high - low > RESOLUTION_M {
+        let middle = 0.5 * (low + high);
+        match choose(middle) {
+            Some(chosen) => (best, high) = (Some(chosen), middle),
+            None => low = middle,
         }
     }
-    let mut best = best.unwrap_or_default();
-    surfaces
-        .par_iter()
-        .zip(best.par_iter_mut())
-        .map(|(surface, chosen)| {
-            surface.settle(chosen);
-            surface.spheres(chosen)
-        })
-        .collect()
+    let best = best.unwrap_or_default();
+    surfaces.par_iter().zip(&best).map(|(surface, chosen)| surface.spheres(chosen)).collect()
 }

@@ -11,7 +11,7 @@ use parry3d_f64::shape::TriMesh;
 use crate::mesh::{Triangle, ends};
 
 /// About so many nodes has the grid.
-const NODES: f64 = 120_000.0;
+const NODES: f64 = 80_000.0;
 /// No finer than this \[m\]; arms are not made more exactly.
 const STEP_MIN_M: f64 = 0.001;
 /// So many of the six rays have to agree.

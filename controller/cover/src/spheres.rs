@@ -20,9 +20,11 @@ const PATCH_MIN_M: f64 = 0.003;
 /// Slivers are cut into no more than about so many pieces.
 const CUTS_MAX: f64 = 4e6;
 /// So many centres are chosen from.
-const CENTRES_MAX: usize = 4000;
+const CENTRES_MAX: usize = 3000;
 /// Rounds in which centres and patches are assigned to each other.
 const ROUNDS_MAX: usize = 30;
+/// So many spheres are tried to be left out before a number of them is final.
+const TRIES: usize = 6;
 /// What a configuration says of a centre \[m\].
 const DIGIT_M: f64 = 1e-4;
 
@@ -52,13 +54,25 @@ impl Coverable {
     pub(crate) fn new(triangles: &[Triangle], excess: f64) -> Option<Self> {
         let (patches, cut) = patches(triangles);
         let solid = Solid::new(&cut)?;
-        let mut centres = solid.medial_centres();
-        let surface = patches.iter().map(|patch| middle(patch)).map(|at| Centre { at, depth: 0.0 });
-        let stride = centres.len().div_ceil(CENTRES_MAX).max(1);
-        centres = centres.into_iter().step_by(stride).chain(surface).collect();
-        let mut needs = Vec::with_capacity(centres.len() * patches.len());
-        for centre in &centres {
-            needs.extend(patches.iter().map(|patch| (farthest(patch, centre.at) - centre.depth) as f32));
+        let medial = solid.medial_centres();
+        let stride = medial.len().div_ceil(CENTRES_MAX).max(1);
+        let mut centres: Vec<Centre> = medial.into_iter().step_by(stride).collect();
+        let needs_of = |centre: &Centre| {
+            let (at, depth) = (centre.at, centre.depth);
+            patches.iter().map(move |patch| (farthest(patch, at) - depth) as f32)
+        };
+        let mut needs: Vec<f32> = centres.iter().flat_map(needs_of).collect();
+        // A thin part has no inside on the grid: its patches are centres themselves.
+        let mut least = vec![f32::INFINITY; patches.len()];
+        for row in needs.chunks_exact(patches.len()) {
+            least.iter_mut().zip(row).for_each(|(least, need)| *least = least.min(*need));
+        }
+        for (patch, least) in patches.iter().zip(&least) {
+            let centre = Centre { at: middle(patch), depth: 0.0 };
+            if farthest(patch, centre.at) as f32 <= *least {
+                needs.extend(needs_of(&centre));
+                centres.push(centre);
+            }
         }
         Some(Self { solid, patches, centres, needs, excess })
     }
@@ -131,34 +145,52 @@ impl Coverable {
         assigned
     }
 
-    /// Moves centres until the largest protrusion no longer falls; returns it \[m\].
-    pub(crate) fn settle(&self, chosen: &mut [usize]) -> f64 {
+    /// Moves centres, in at most so many rounds, until the largest protrusion no longer falls; returns it \[m\].
+    pub(crate) fn settle(&self, chosen: &mut [usize], rounds: usize) -> f64 {
+        let need = |centre: usize, patch: &usize| self.row(centre)[*patch];
         let worst = |centre: usize, patches: &[usize]| {
-            let row = self.row(centre);
-            patches.iter().map(|patch| row[*patch]).fold(f32::NEG_INFINITY, f32::max)
+            patches.iter().map(|patch| need(centre, patch)).fold(f32::NEG_INFINITY, f32::max)
         };
-        for _ in 0..ROUNDS_MAX {
-            let before = chosen.to_vec();
-            for (patches, centre) in self.assigned(chosen).iter().zip(chosen.iter_mut()) {
-                let mut least = worst(*centre, patches);
+        for _ in 0..rounds {
+            let mut is_settled = true;
+            for (mut patches, centre) in self.assigned(chosen).into_iter().zip(chosen.iter_mut()) {
+                // The worst first: most other centres fail at one of the first.
+                patches.sort_by(|a, b| need(*centre, b).total_cmp(&need(*centre, a)));
+                let mut least = worst(*centre, &patches);
                 for other in 0..self.centres.len() {
-                    // Most centres are far away: one patch tells.
-                    let row = self.row(other);
-                    if patches.first().is_none_or(|patch| row[*patch] < least) {
-                        let found = worst(other, patches);
-                        if found < least {
-                            (least, *centre) = (found, other);
-                        }
+                    if patches.iter().all(|patch| need(other, patch) < least) && !patches.is_empty() {
+                        (least, *centre) = (worst(other, &patches), other);
+                        is_settled = false;
                     }
                 }
             }
-            if *chosen == before[..] {
+            if is_settled {
                 break;
             }
         }
         let assigned = self.assigned(chosen);
         let worsts = assigned.iter().zip(chosen.iter()).map(|(patches, centre)| worst(*centre, patches));
         f64::from(worsts.fold(0.0, f32::max))
+    }
+
+    /// Fewer centres for the same protrusion \[m\]: those of the fewest patches are left out, as long as the others
+    /// can move to where they were.
+    pub(crate) fn reduced(&self, mut chosen: Vec<usize>, protrusion: f64) -> Vec<usize> {
+        'fewer: loop {
+            self.settle(&mut chosen, ROUNDS_MAX);
+            let counts: Vec<usize> = self.assigned(&chosen).iter().map(Vec::len).collect();
+            let mut order: Vec<usize> = (0..chosen.len()).collect();
+            order.sort_by_key(|at| counts[*at]);
+            for at in order.into_iter().take(TRIES) {
+                let mut fewer = chosen.clone();
+                fewer.remove(at);
+                if !fewer.is_empty() && self.settle(&mut fewer, ROUNDS_MAX / 3) <= protrusion {
+                    chosen = fewer;
+                    continue 'fewer;
+                }
+            }
+            return chosen;
+        }
     }
 
     /// The spheres of centres, and the largest protrusion of them \[m\].
