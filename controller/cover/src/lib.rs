@@ -28,12 +28,15 @@ mod error;
 mod links;
 mod mesh;
 mod packages;
+mod picture;
 mod primitives;
 mod solid;
 mod spheres;
+mod text;
 
 use std::path::Path;
 
+use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 use tprmp_robot::{CONTROL_POINT_CAPACITY, Selection};
 
@@ -91,7 +94,9 @@ pub struct LinkCover {
     /// The spheres stick out of the shapes by no more than this \[m\].
     pub protrusion_m: f64,
     /// Triangles of the shapes in the link's frame \[m\], for pictures and checks.
-    pub triangles: Vec<[glam::DVec3; 3]>,
+    pub triangles: Vec<[DVec3; 3]>,
+    /// Where the link is in the base with all joints in the middle of their ranges, for pictures.
+    pub placement: DAffine3,
 }
 
 /// The spheres of an arm.
@@ -101,11 +106,17 @@ pub struct Cover {
     pub links: Vec<LinkCover>,
     /// The largest protrusion of all links \[m\].
     pub protrusion_m: f64,
-    /// Whether that is what was asked for; otherwise there were too few spheres for it.
-    pub is_within: bool,
+    /// What was asked for.
+    pub asked: Options,
 }
 
 impl Cover {
+    /// Whether the protrusion is what was asked for; otherwise there were too few spheres for it.
+    #[must_use]
+    pub fn is_within(&self) -> bool {
+        self.protrusion_m <= self.asked.protrusion_m
+    }
+
     /// How many spheres there are.
     #[must_use]
     pub fn sphere_count(&self) -> usize {
@@ -161,11 +172,12 @@ pub fn cover(
             let (spheres, protrusion_m) = found.unwrap_or((Vec::new(), 0.0));
             let LinkShapes { link, meshes, primitives, missing, triangles, .. } = shapes;
             let spheres = shapes.spheres.into_iter().chain(spheres).collect();
-            LinkCover { link, meshes, primitives, missing, spheres, protrusion_m, triangles }
+            let placement = description.placement(&link, selection);
+            LinkCover { link, meshes, primitives, missing, spheres, protrusion_m, triangles, placement }
         })
         .collect();
     let protrusion_m = links.iter().map(|link| link.protrusion_m).fold(0.0, f64::max);
-    Ok(Cover { links, protrusion_m, is_within: protrusion_m <= options.protrusion_m })
+    Ok(Cover { links, protrusion_m, asked: *options })
 }
 
 fn check(options: &Options) -> Result<(), CoverError> {

@@ -1,6 +1,5 @@
 //! The collision shapes of a URDF's links, as triangles and spheres in the links' frames.
 
-use std::collections::HashMap;
 use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec3};
@@ -48,42 +47,56 @@ impl Description {
     /// The links that move, in the order of the file: those with a joint between them and the base that is
     /// movable and not held.
     pub(crate) fn moving_links(&self, file: &Path, selection: Option<&Selection>) -> Result<Vec<&str>, CoverError> {
-        let robot = &self.robot;
-        let parents: HashMap<&str, &Joint> =
-            robot.joints.iter().map(|joint| (joint.child.link.as_str(), joint)).collect();
-        let base = selection.and_then(|selection| selection.base_link.as_deref());
-        let held = selection.map_or(&[][..], |selection| &selection.held_joints);
-        let tool = selection.map(|selection| selection.tool_link.as_str());
+        let links = &self.robot.links;
+        let (base, tool) = (base(selection), selection.map(|selection| selection.tool_link.as_str()));
         for name in base.into_iter().chain(tool) {
-            if robot.links.iter().all(|link| link.name != name) {
-                let found = robot.links.iter().map(|link| link.name.clone()).collect();
+            if links.iter().all(|link| link.name != name) {
+                let found = links.iter().map(|link| link.name.clone()).collect();
                 return Err(CoverError::UnknownLink { file: file.to_owned(), link: name.to_owned(), found });
             }
         }
-        // From a link up to the base; `None` when the base is not above it, or the joints go round.
-        let above = |link: &str| {
-            let mut path = Vec::new();
-            let mut at = link.to_owned();
-            while Some(at.as_str()) != base {
-                match parents.get(at.as_str()) {
-                    Some(joint) if path.len() < robot.joints.len() => path.push(*joint),
-                    Some(_) => return None,
-                    None if base.is_none() => break,
-                    None => return None,
-                }
-                at.clone_from(&path[path.len() - 1].parent.link);
-            }
-            Some(path)
-        };
+        let held = selection.map_or(&[][..], |selection| &selection.held_joints);
         // With a tool the joints beside the path to it stand still.
-        let on_path = tool.and_then(above);
-        let moves = |joint: &Joint| {
+        let on_path = tool.and_then(|tool| self.above(tool, base));
+        let moves = |joint: &&Joint| {
             joint.joint_type != JointType::Fixed
                 && !held.contains(&joint.name)
                 && on_path.as_ref().is_none_or(|path| path.iter().any(|other| other.name == joint.name))
         };
-        let is_moving = |link: &str| above(link).is_some_and(|path| path.iter().any(|joint| moves(joint)));
-        Ok(robot.links.iter().map(|link| link.name.as_str()).filter(|link| is_moving(link)).collect())
+        let names = links.iter().map(|link| link.name.as_str());
+        Ok(names.filter(|link| self.above(link, base).is_some_and(|path| path.iter().any(moves))).collect())
+    }
+
+    /// The joints from a link up to the base; `None` when the base is not above it, or the joints go round.
+    fn above<'a>(&'a self, link: &'a str, base: Option<&str>) -> Option<Vec<&'a Joint>> {
+        let (mut path, mut at) = (Vec::new(), link);
+        while Some(at) != base {
+            match self.robot.joints.iter().find(|joint| joint.child.link == at) {
+                Some(joint) if path.len() < self.robot.joints.len() => {
+                    path.push(joint);
+                    at = &joint.parent.link;
+                }
+                None if base.is_none() => break,
+                _ => return None,
+            }
+        }
+        Some(path)
+    }
+
+    /// Where a link is in the base, all joints in the middle of their ranges.
+    pub(crate) fn placement(&self, link: &str, selection: Option<&Selection>) -> DAffine3 {
+        let path = self.above(link, base(selection)).unwrap_or_default();
+        path.iter().rev().fold(DAffine3::IDENTITY, |place, joint| {
+            let middle = 0.5 * (joint.limit.lower + joint.limit.upper);
+            let axis = DVec3::from_array(joint.axis.xyz.0).normalize_or(DVec3::Z);
+            let motion = match joint.joint_type {
+                _ if !middle.is_finite() => DAffine3::IDENTITY,
+                JointType::Revolute => DAffine3::from_axis_angle(axis, middle),
+                JointType::Prismatic => DAffine3::from_translation(axis * middle),
+                _ => DAffine3::IDENTITY,
+            };
+            place * placement(&joint.origin) * motion
+        })
     }
 
     /// The collision shapes of a link.
@@ -128,8 +141,12 @@ fn load(packages: &Packages, folder: &Path, name: &str, placed: &DAffine3) -> Re
     mesh::checked(triangles.collect())
 }
 
+fn base(selection: Option<&Selection>) -> Option<&str> {
+    selection.and_then(|selection| selection.base_link.as_deref())
+}
+
 /// The placement of an `<origin>`: rotation about x (roll), then y (pitch), then z (yaw) of the parent.
-pub(crate) fn placement(origin: &Pose) -> DAffine3 {
+fn placement(origin: &Pose) -> DAffine3 {
     let [roll, pitch, yaw] = origin.rpy.0;
     let rotation = DMat3::from_rotation_z(yaw) * DMat3::from_rotation_y(pitch) * DMat3::from_rotation_x(roll);
     DAffine3::from_mat3_translation(rotation, DVec3::from_array(origin.xyz.0))
