@@ -11,7 +11,7 @@ use tprmp_model::controller_config::{
 };
 use tprmp_model::skill_model::{self, ModelError, SkillModel};
 use tprmp_rmpflow::policy::SkillPolicy;
-use tprmp_robot::{Chain, ControlPointError, ControlPoints, UrdfError, count_joints};
+use tprmp_robot::{Chain, ControlPointError, ControlPoints, Document, UrdfError};
 
 use crate::control::requests::Setting;
 use crate::control::server::{Replacement, Shared};
@@ -272,8 +272,20 @@ pub fn robot<const N: usize>(
     config_path: &Path,
     config: &ControllerConfig,
 ) -> Result<(Chain<N>, ControlPoints), StartError> {
+    robot_of(config_path, config, &Document::read(&config.robot.urdf)?)
+}
+
+/// As [`robot`], of a description that was read.
+///
+/// # Errors
+/// As [`robot`].
+pub fn robot_of<const N: usize>(
+    config_path: &Path,
+    config: &ControllerConfig,
+    document: &Document,
+) -> Result<(Chain<N>, ControlPoints), StartError> {
     let urdf = &config.robot.urdf;
-    let chain = Chain::<N>::from_urdf(urdf, config.robot.selection())?;
+    let chain = Chain::<N>::from_document(document, &config.selection())?;
     if chain.joint_names()[..] != config.robot.joints[..] {
         return Err(joints_error(config_path, &config.robot, format!("{:?}", chain.joint_names())));
     }
@@ -333,7 +345,20 @@ pub fn with_robot<W: WithRobot>(
     config: &ControllerConfig,
     work: W,
 ) -> Result<W::Output, StartError> {
-    let count = count_joints(&config.robot.urdf, config.robot.selection())?;
+    with_robot_of(config_path, config, &Document::read(&config.robot.urdf)?, work)
+}
+
+/// As [`with_robot`], of a description that was read.
+///
+/// # Errors
+/// As [`with_robot`].
+pub fn with_robot_of<W: WithRobot>(
+    config_path: &Path,
+    config: &ControllerConfig,
+    document: &Document,
+    work: W,
+) -> Result<W::Output, StartError> {
+    let count = document.count_joints(&config.selection())?;
     match count {
         2 => Ok(work.call::<2>()),
         3 => Ok(work.call::<3>()),

@@ -102,7 +102,10 @@ pub enum UrdfErrorKind {
         urdf: PathBuf,
     },
     /// The program xacro cannot expand the file.
-    #[error("expected a file that xacro expands, found that it says: {said}")]
+    #[error(
+        "expected a file that xacro expands, found that it says: {said}; what it includes by `$(find …)` has to be \
+         installed here, or expand it where that is, and use the file that comes out"
+    )]
     XacroFailed {
         /// Its message.
         said: String,
@@ -307,8 +310,12 @@ pub enum UrdfErrorKind {
     },
     /// Movable joints lack limits.
     #[error(
-        "expected limits of every joint, found none for {}; set `robot.limits: {{{}}}`, or add them to the file",
-        .joints.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "), overrides(.joints)
+        "expected limits of every joint, found none (or zero, or more than any arm's) for {}; set `robot.limits: {{{}}}`, or \
+         mend the file{}",
+        .joints.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "), overrides(.joints),
+        if .joints.iter().any(|joint| joint.effort) {
+            "; an arm that is not commanded by torques (`robot.actuators`) needs no effort"
+        } else { "" }
     )]
     NoLimits {
         /// The joints.

@@ -17,7 +17,7 @@ pub(crate) fn check_text(text: &str) -> Result<(), UrdfFault> {
         ("a pointer of Git LFS in place of the file", "fetch the file itself: `git lfs pull`")
     } else if is_page {
         ("a web page (HTML)", "download the file itself, in its raw form")
-    } else if start.contains('\0') {
+    } else if lower.contains('\0') {
         ("a binary file", "name the .urdf file")
     } else if start.starts_with('<') {
         return Ok(());

@@ -54,6 +54,7 @@ mod inertia;
 mod kinematics;
 mod limits;
 mod placement;
+mod plausibility;
 mod ranges;
 mod reader;
 mod sanitise;
@@ -78,6 +79,7 @@ pub use error::{BranchJoint, LackingLimits, UrdfError, UrdfErrorKind, UrdfFault}
 pub use kinematics::{
     Kinematics, forward_kinematics, forward_kinematics_with_velocity, point_motion, point_position,
 };
+pub use plausibility::{Remark, remarks};
 pub use selection::{Interface, LimitOverride, Selection};
 pub use self_pairs::{Ignored, SelfPairs};
 pub use urdf::{JOINTS_MAX, JOINTS_MIN, count_joints};

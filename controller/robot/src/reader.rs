@@ -30,8 +30,8 @@ impl Document {
     }
 
     /// Reads a URDF; what still has parts of xacro is expanded by that program first, in at most half a
-    /// minute. The second value says whether it was: lines are those of the expanded text then. For
-    /// commands that do not move an arm.
+    /// minute. The second value says whether it was: lines are those of the expanded text then, and the
+    /// document's file says so behind its name. For commands that do not move an arm.
     ///
     /// # Errors
     ///
@@ -45,7 +45,9 @@ impl Document {
             };
             let expanded = xacro::expand(file, found, BYTES_MAX);
             let expanded = expanded.map_err(|kind| UrdfFault::at(line, kind))?;
-            Ok((of(file, &root(&expanded)?)?, true))
+            let mut name = file.file_name().unwrap_or_default().to_owned();
+            name.push(", expanded by xacro");
+            Ok((of(&file.with_file_name(name), &root(&expanded)?)?, true))
         };
         read().map_err(|fault| UrdfError::of(file, vec![fault]))
     }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 
 use crate::description::JointKind;
-use crate::document::{Document, Joint, JointType, Link, Owner};
+use crate::document::{Document, DocumentFault, Joint, JointType, Link, Owner};
 use crate::error::{UrdfErrorKind as Kind, UrdfFault};
 use crate::selection::Selection;
 
@@ -224,11 +224,14 @@ impl<'a> Tree<'a> {
         Motion::Follows(None)
     }
 
+    /// Whether this part of a link or a joint could not be read.
+    pub(crate) fn is_faulty(&self, owner: Owner, part: &str) -> bool {
+        self.document.faults.iter().any(|fault| fault.owner == owner && fault.part == part)
+    }
+
     /// Appends what could not be read of these parts of a link or a joint.
     pub(crate) fn faults_of(&self, owner: Owner, parts: &[&str], faults: &mut Vec<UrdfFault>) {
-        let of = |fault: &&crate::document::DocumentFault| {
-            fault.owner == owner && parts.contains(&fault.part)
-        };
+        let of = |fault: &&DocumentFault| fault.owner == owner && parts.contains(&fault.part);
         faults.extend(self.document.faults.iter().filter(of).map(|fault| fault.fault.clone()));
     }
 }

@@ -77,6 +77,11 @@ pub(crate) fn describe(
     if faults.is_empty() { Ok(chain) } else { Err(faults) }
 }
 
+/// All that is wrong with what the chain needs.
+pub(crate) fn faults_of(document: &Document, selection: &Selection) -> Vec<UrdfFault> {
+    fold(document, selection).map_or_else(|faults| faults, |(_, faults)| faults)
+}
+
 /// The chain, and all that is wrong with what it needs.
 ///
 /// # Errors
@@ -95,10 +100,11 @@ fn fold(
         tool: Placement::IDENTITY,
         collision_shapes: Vec::new(),
     };
-    let (lacking, branches, stated) = (Lacking::default(), Vec::new(), Vec::new());
-    let mut fold = Fold { tree, selection, chain, faults, lacking, branches, stated };
+    let (lacking, branches, unstated) = (Lacking::default(), Vec::new(), Vec::new());
+    let mut fold = Fold { tree, selection, chain, faults, lacking, branches, unstated };
     fold.walk();
     fold.judge_whole();
+    fold.faults.sort_by_key(|fault| fault.line.unwrap_or(usize::MAX));
     Ok((fold.chain, fold.faults))
 }
 
@@ -109,9 +115,10 @@ struct Fold<'a> {
     chain: ChainDescription,
     faults: Vec<UrdfFault>,
     lacking: Lacking,
-    branches: Vec<BranchJoint>,
-    /// For each joint: whether the file says anything of the mass that it moves.
-    stated: Vec<bool>,
+    /// Joints beside the path, with their indices in the document.
+    branches: Vec<(usize, BranchJoint)>,
+    /// For each joint: whether it moves more than frames, and the file says nothing of their mass.
+    unstated: Vec<bool>,
 }
 
 impl Fold<'_> {
@@ -146,11 +153,8 @@ impl Fold<'_> {
                 Err(kind) => self.faults.push(UrdfFault::at(link.line, kind)),
             }
         }
-        let is_unread = |fault: &crate::document::DocumentFault| {
-            fault.owner == owner && fault.part == "inertial"
-        };
-        let is_stated = link.inertial.is_some() || self.tree.document.faults.iter().any(is_unread);
-        self.stated[joint] |= is_stated;
+        let is_unread = self.tree.is_faulty(owner, "inertial");
+        self.unstated[joint] |= link.has_body && link.inertial.is_none() && !is_unread;
         if !self.selection.ignores_shapes {
             self.tree.faults_of(owner, &["collision"], &mut self.faults);
             self.add_shapes(link, joint, anchor);
@@ -211,7 +215,7 @@ impl Fold<'_> {
             _ => {
                 let position = limits::nearest_to_zero(joint);
                 let (joint, found) = (joint.name.clone(), joint.type_name());
-                self.branches.push(BranchJoint { joint, found, position });
+                self.branches.push((index, BranchJoint { joint, found, position }));
                 at_zero
             }
         }
@@ -269,12 +273,7 @@ impl Fold<'_> {
             let parts = ["limit", "safety_controller"];
             self.tree.faults_of(Owner::Joint(index), &parts, &mut self.faults);
         }
-        let is_unread = self
-            .tree
-            .document
-            .faults
-            .iter()
-            .any(|fault| fault.owner == Owner::Joint(index) && fault.part == "limit");
+        let is_unread = self.tree.is_faulty(Owner::Joint(index), "limit");
         let judged = limits::limits(joint, &given, needs_effort, is_unread, &mut self.lacking);
         let limits = judged.unwrap_or_else(|(line, kind)| {
             self.faults.push(UrdfFault::at(line, kind));
@@ -285,7 +284,7 @@ impl Fold<'_> {
         let placement = at_zero.placement.compose(&axis);
         let model = JointModel { kind, placement, inertia: SpatialInertia::ZERO };
         self.chain.joints.push(JointDescription { name: joint.name.clone(), limits, model });
-        self.stated.push(false);
+        self.unstated.push(false);
         let back = Placement { rotation: rotation.transpose(), ..axis };
         Anchor { joint: Some(self.chain.joints.len() - 1), placement: back }
     }
@@ -294,7 +293,8 @@ impl Fold<'_> {
     fn judge_whole(&mut self) {
         if !self.branches.is_empty() {
             let (root_link, tool_link) = (self.tree.root.to_owned(), self.chain.tool_link.clone());
-            let joints = std::mem::take(&mut self.branches);
+            self.branches.sort_by_key(|(index, _)| *index);
+            let joints = self.branches.drain(..).map(|(_, joint)| joint).collect();
             self.faults.push(UrdfFault::new(Kind::MovableBranch { joints, root_link, tool_link }));
         }
         if let Some(kind) = std::mem::take(&mut self.lacking).fault() {
@@ -310,13 +310,13 @@ impl Fold<'_> {
         }
     }
 
-    /// A torque accelerates masses: what a joint moves has one, or the file says that it has none and
-    /// something beyond it has.
+    /// A torque accelerates masses: beyond each joint there is one, and none is left out.
     fn judge_masses(&mut self) {
         let (mut beyond, mut bodies) = (0.0, Vec::new());
         for (i, joint) in self.chain.joints.iter().enumerate().rev() {
             beyond += joint.model.inertia.mass;
-            if !self.stated[i] || beyond == 0.0 {
+            let is_massless = joint.model.inertia.mass == 0.0;
+            if beyond == 0.0 || (is_massless && self.unstated[i]) {
                 let links = self.chain.links.iter().filter(|(_, of)| *of == i);
                 bodies.push((joint.name.clone(), links.map(|(name, _)| name.clone()).collect()));
             }

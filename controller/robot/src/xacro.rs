@@ -58,7 +58,9 @@ pub(crate) fn expand(file: &Path, found: String, bytes_max: u64) -> Result<Strin
     let module = "import sys, xacro; sys.argv[0] = 'xacro'; xacro.main()";
     for mut command in [program("xacro", &[]), program("python3", &["-c", module])] {
         let Ok(child) = started(&mut command) else { continue };
-        return match outcome(child, bytes_max).map_err(|error| failed(error.to_string()))? {
+        return match outcome(child, bytes_max, DURATION_MAX)
+            .map_err(|error| failed(error.to_string()))?
+        {
             Outcome::Late => Err(failed(format!("no end within {} s", DURATION_MAX.as_secs()))),
             Outcome::Ended { text, .. } if text.len() as u64 > bytes_max => {
                 Err(failed(format!("more than {bytes_max} bytes")))
@@ -83,14 +85,14 @@ enum Outcome {
     Ended { succeeded: bool, text: String, said: String },
 }
 
-fn outcome(mut child: Child, bytes_max: u64) -> io::Result<Outcome> {
+fn outcome(mut child: Child, bytes_max: u64, duration_max: Duration) -> io::Result<Outcome> {
     let out = read_beside(child.stdout.take(), bytes_max);
     let said = read_beside(child.stderr.take(), MESSAGE_MAX);
     let start = Instant::now();
     let succeeded = loop {
         match child.try_wait()? {
             Some(status) => break status.success(),
-            None if start.elapsed() < DURATION_MAX => thread::sleep(PAUSE),
+            None if start.elapsed() < duration_max => thread::sleep(PAUSE),
             None => {
                 child.kill()?;
                 child.wait()?;
@@ -116,4 +118,36 @@ fn read_beside<R: Read + Send + 'static>(
         pipe.map_or(Ok(0), |pipe| pipe.take(bytes_max + 1).read_to_end(&mut bytes))?;
         Ok(bytes)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shell(script: &str, bytes_max: u64, duration_max: Duration) -> Outcome {
+        let child = started(Command::new("sh").args(["-c", script])).unwrap();
+        outcome(child, bytes_max, duration_max).unwrap()
+    }
+
+    #[test]
+    fn a_program_is_ended_after_its_time() {
+        let late = shell("exec sleep 600", 10, Duration::from_millis(20));
+        assert!(matches!(late, Outcome::Late));
+    }
+
+    #[test]
+    fn what_it_writes_is_read_up_to_the_bound_and_no_further() {
+        let Outcome::Ended { text, .. } = shell("yes", 1000, DURATION_MAX) else { panic!("late") };
+        assert_eq!(text.len(), 1001);
+    }
+
+    #[test]
+    fn success_and_messages_are_told_apart() {
+        let Outcome::Ended { succeeded, text, said } =
+            shell("echo out; echo said >&2; exit 3", 1000, DURATION_MAX)
+        else {
+            panic!("late")
+        };
+        assert_eq!((succeeded, text.as_str(), said.as_str()), (false, "out\n", "said\n"));
+    }
 }

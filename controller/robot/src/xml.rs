@@ -100,10 +100,10 @@ pub(crate) fn parse(text: &str) -> Result<Element, UrdfFault> {
                 // What is never closed is looked for up to the end: on the last line, that is missing.
                 let rest = text.get(at as usize..).unwrap_or("").trim_end();
                 let is_last = matches!(error, quick_xml::Error::Syntax(_)) && !rest.contains('\n');
-                return match open.last() {
-                    Some(inside) if is_last => Err(cut_off(inside)),
-                    _ => Err(no_xml(lines.at(at), &error)),
-                };
+                return Err(match is_last && !open.is_empty() {
+                    true => cut_off(&open),
+                    false => no_xml(lines.at(at), &error),
+                });
             }
         };
         elements += 1;
@@ -122,10 +122,10 @@ pub(crate) fn parse(text: &str) -> Result<Element, UrdfFault> {
             close(&mut open, &mut root)?;
         }
     }
-    match (open.last(), root) {
-        (Some(inside), _) => Err(cut_off(inside)),
-        (None, Some(root)) => Ok(root),
-        (None, None) => Err(UrdfFault::new(Kind::NotUrdf {
+    match root {
+        _ if !open.is_empty() => Err(cut_off(&open)),
+        Some(root) => Ok(root),
+        None => Err(UrdfFault::new(Kind::NotUrdf {
             found: "no element at all".into(),
             remedy: "a URDF has the root element <robot>",
         })),
@@ -167,7 +167,10 @@ fn no_xml(line: usize, error: &dyn std::fmt::Display) -> UrdfFault {
     )
 }
 
-fn cut_off(inside: &Element) -> UrdfFault {
+/// The fault of a text that ends inside these elements, from the outermost.
+fn cut_off(open: &[Element]) -> UrdfFault {
+    let named = open.iter().rfind(|element| element.attribute("name").is_some());
+    let inside = named.or(open.last()).expect("some element is open");
     let found = format!("half a file: it ends inside {}, which begins here", inside.opening());
     UrdfFault::at(inside.line, Kind::NotUrdf { found, remedy: "copy or export it again, whole" })
 }

@@ -75,7 +75,7 @@ fn numbers_beyond_any_arm() {
     for (mass, origin, velocity, expected) in [
         ("1e308", "1", "3", "link `upper`: mass: expected at most 1e5 in SI units, found 1e308"),
         ("1", "1e200", "3", "joint `first`: origin xyz: expected at most 1e3"),
-        ("1", "1", "1e308", "none for `first` (line 7: velocity)"),
+        ("1", "1", "1e308", "for `first` (line 7: velocity)"),
     ] {
         let message = refused("numbers", arm(mass, origin, velocity));
         assert!(message.contains(expected), "{message}");

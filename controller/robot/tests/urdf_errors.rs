@@ -136,7 +136,11 @@ fn broken_xml() {
         "no_speed",
         r#"velocity="3""#,
         "",
-        &["found none for `first` (line 25: velocity)", "robot.limits", "velocity: Some(…)"],
+        &[
+            "found none (or zero, or more than any arm's) for `first` (line 25: velocity)",
+            "robot.limits",
+            "velocity: Some(…)",
+        ],
     );
     refuses(
         "other_type",
@@ -263,11 +267,11 @@ fn unsupported_joints() {
 fn unusable_limits() {
     let limit = r#"<limit lower="-1" upper="2" velocity="3" effort="4"/>"#;
     let expected = [
-        "expected limits of every joint, found none for `first` (line 21: position, velocity, effort)",
+        "expected limits of every joint, found none (or zero, or more than any arm's) for `first` (line 21: position, velocity, effort)",
     ];
     refuses("no_limit", limit, "", &expected);
     for (test, from, to, expected) in [
-        ("v0", "velocity=\"3\"", "velocity=\"0\"", "none for `first` (line 25: velocity)"),
+        ("v0", "velocity=\"3\"", "velocity=\"0\"", "for `first` (line 25: velocity)"),
         (
             "e0",
             "effort=\"4\"",
@@ -280,7 +284,7 @@ fn unusable_limits() {
             "velocity=\"-1\"",
             "joint `second`: limit velocity: expected a positive number of m/s, found -1",
         ),
-        ("e1", "effort=\"40\"", "effort=\"0\"", "none for `second` (line 30: effort)"),
+        ("e1", "effort=\"40\"", "effort=\"0\"", "for `second` (line 30: effort)"),
         (
             "order",
             "upper=\"2\"",

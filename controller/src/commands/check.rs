@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use tprmp_messages::free_shared_memory_bytes;
 use tprmp_model::controller_config::{self, Capability, ControllerConfig, RealTime};
 use tprmp_model::skill_model::{FrameMixture, PolicyModel, SkillModel};
-use tprmp_robot::{Chain, ControlPoints, Ignored, SelfPairs};
+use tprmp_robot::{Chain, ControlPoints, Document, Ignored, SelfPairs, remarks};
 
 use crate::startup::{self, StartError, WithRobot};
 use crate::timing::realtime;
@@ -20,7 +20,12 @@ pub fn check(config_path: &Path, model_paths: &[PathBuf]) -> Result<(), StartErr
     let config = controller_config::read(config_path)?;
     startup::check_names(config_path, &config)?;
     line("ok", "configuration", &config_path.display().to_string());
-    startup::with_robot(config_path, &config, Describe { config_path, config: &config })??;
+    let (document, was_expanded) = Document::read_expanding(&config.robot.urdf)?;
+    let describe = Describe { config_path, config: &config, document: &document };
+    startup::with_robot_of(config_path, &config, &document, describe)??;
+    for remark in remarks(&document, &config.selection())? {
+        line("warn", "robot", &format!("{}: {remark}", document.file.display()));
+    }
     if !model_paths.is_empty() {
         let loaded = startup::load(config_path, model_paths, true)?;
         for (path, skill) in model_paths.iter().zip(&loaded.skills) {
@@ -28,6 +33,10 @@ pub fn check(config_path: &Path, model_paths: &[PathBuf]) -> Result<(), StartErr
         }
     }
     check_machine(&config);
+    if was_expanded {
+        // The controller itself runs no other program: it has to be given what comes out.
+        Document::read(&config.robot.urdf)?;
+    }
     Ok(())
 }
 
@@ -99,13 +108,14 @@ fn line(verdict: &str, what: &str, text: &str) {
 struct Describe<'a> {
     config_path: &'a Path,
     config: &'a ControllerConfig,
+    document: &'a Document,
 }
 
 impl WithRobot for Describe<'_> {
     type Output = Result<(), StartError>;
 
     fn call<const N: usize>(self) -> Result<(), StartError> {
-        let (chain, points) = startup::robot::<N>(self.config_path, self.config)?;
+        let (chain, points) = startup::robot_of::<N>(self.config_path, self.config, self.document)?;
         let text = format!(
             "{}: {N} joints from `{}` to `{}`, {} control points",
             self.config.robot.urdf.display(),
@@ -114,7 +124,12 @@ impl WithRobot for Describe<'_> {
             points.as_slice().len()
         );
         line("ok", "robot", &text);
-        list_control_points(&chain, &points);
+        if self.config.collision.is_none() && self.config.self_collision.is_none() {
+            let text = "nothing is kept clear: `collision` and `self_collision` are None";
+            line("warn", "control points", text);
+        } else {
+            list_control_points(&chain, &points);
+        }
         if let Some(own) = &self.config.self_collision {
             list_pairs(&chain, &SelfPairs::new(&chain, &points, &own.exempt));
         }
