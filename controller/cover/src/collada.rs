@@ -24,8 +24,9 @@ type Result<T> = core::result::Result<T, String>;
 ///
 /// What was expected, with the line.
 pub(crate) fn triangles(bytes: &[u8]) -> Result<Vec<Triangle>> {
-    let text = core::str::from_utf8(bytes)
-        .map_err(|error| format!("expected UTF-8, found something else from byte {} on", error.valid_up_to()))?;
+    let text = core::str::from_utf8(bytes).map_err(|error| {
+        format!("expected UTF-8, found something else from byte {} on", error.valid_up_to())
+    })?;
     check_depth(text)?;
     let options = ParsingOptions { nodes_limit: NODES_MAX, ..ParsingOptions::default() };
     let document = Document::parse_with_options(text.trim_start_matches('\u{feff}'), options)
@@ -37,7 +38,8 @@ pub(crate) fn triangles(bytes: &[u8]) -> Result<Vec<Triangle>> {
     let ids = root.descendants().filter_map(|node| Some((node.attribute("id")?, node))).collect();
     let mut file = File { ids, triangles: Vec::new() };
     let placement = asset(root)?;
-    let scene = children(root, "scene").flat_map(|scene| children(scene, "instance_visual_scene")).next();
+    let scene =
+        children(root, "scene").flat_map(|scene| children(scene, "instance_visual_scene")).next();
     match scene {
         Some(instance) => {
             for node in children(file.target(instance, "url")?, "node") {
@@ -103,12 +105,17 @@ impl<'a> File<'a> {
     fn target(&self, node: Node<'a, 'a>, attribute: &str) -> Result<Node<'a, 'a>> {
         let reference = node.attribute(attribute).unwrap_or("");
         let target = reference.strip_prefix('#').and_then(|id| self.ids.get(id)).copied();
-        target.ok_or_else(|| at(node, &format!("expected the id of an element of this file, found \"{reference}\"")))
+        target.ok_or_else(|| {
+            at(node, &format!("expected the id of an element of this file, found \"{reference}\""))
+        })
     }
 
     fn add_node(&mut self, node: Node<'a, 'a>, above: DMat4, depth: usize) -> Result<()> {
         if depth > DEPTH_MAX {
-            return Err(at(node, &format!("expected at most {DEPTH_MAX} nodes inside each other, found more")));
+            return Err(at(
+                node,
+                &format!("expected at most {DEPTH_MAX} nodes inside each other, found more"),
+            ));
         }
         let mut placement = above;
         for child in node.children().filter(Node::is_element) {
@@ -117,7 +124,9 @@ impl<'a> File<'a> {
         for child in node.children().filter(Node::is_element) {
             match child.tag_name().name() {
                 "node" => self.add_node(child, placement, depth + 1)?,
-                "instance_node" => self.add_node(self.target(child, "url")?, placement, depth + 1)?,
+                "instance_node" => {
+                    self.add_node(self.target(child, "url")?, placement, depth + 1)?
+                }
                 "instance_geometry" => self.add_geometry(self.target(child, "url")?, placement)?,
                 "instance_controller" => {
                     let controller = self.target(child, "url")?;
@@ -148,20 +157,34 @@ impl<'a> File<'a> {
     /// Adds the triangles of one list of polygons.
     fn add_primitive(&mut self, primitive: Node<'a, 'a>, placement: DMat4) -> Result<()> {
         let inputs = || children(primitive, "input");
-        let offset = |input: Node| input.attribute("offset").and_then(|text| text.parse().ok()).unwrap_or(0_usize);
+        let offset = |input: Node| {
+            input.attribute("offset").and_then(|text| text.parse().ok()).unwrap_or(0_usize)
+        };
         let stride = 1 + inputs().map(offset).max().unwrap_or(0);
         let vertex = inputs().find(|input| input.attribute("semantic") == Some("VERTEX"));
-        let vertex = vertex.ok_or_else(|| at(primitive, "expected an <input> of semantic VERTEX, found none"))?;
-        let positions: Vec<_> =
-            self.positions(vertex)?.into_iter().map(|point| placement.transform_point3(point)).collect();
+        let vertex = vertex
+            .ok_or_else(|| at(primitive, "expected an <input> of semantic VERTEX, found none"))?;
+        let positions: Vec<_> = self
+            .positions(vertex)?
+            .into_iter()
+            .map(|point| placement.transform_point3(point))
+            .collect();
         let mut lists = Vec::new();
-        for list in children(primitive, "p").chain(children(primitive, "ph").flat_map(|ph| children(ph, "p"))) {
+        for list in children(primitive, "p")
+            .chain(children(primitive, "ph").flat_map(|ph| children(ph, "p")))
+        {
             let indices: Vec<usize> = numbers(list)?;
             let corners = indices.chunks(stride).map(|chunk| {
                 let index = chunk.get(offset(vertex)).copied();
                 index.and_then(|index| positions.get(index)).copied().ok_or_else(|| {
                     let found = index.map_or("none".into(), |index| index.to_string());
-                    at(list, &format!("expected the index of one of {} positions, found {found}", positions.len()))
+                    at(
+                        list,
+                        &format!(
+                            "expected the index of one of {} positions, found {found}",
+                            positions.len()
+                        ),
+                    )
                 })
             });
             lists.push(corners.collect::<Result<Vec<DVec3>>>()?);
@@ -169,13 +192,17 @@ impl<'a> File<'a> {
         let polygons: Vec<&[DVec3]> = match primitive.tag_name().name() {
             "triangles" => lists.iter().flat_map(|list| list.chunks(3)).collect(),
             "polylist" => {
-                let counts = children(primitive, "vcount").next().map(numbers).transpose()?.unwrap_or_default();
+                let counts = children(primitive, "vcount")
+                    .next()
+                    .map(numbers)
+                    .transpose()?
+                    .unwrap_or_default();
                 let mut rest = lists.first().map_or(&[][..], Vec::as_slice);
                 let mut polygons = Vec::new();
                 for count in counts {
-                    let (polygon, others) = rest
-                        .split_at_checked(count)
-                        .ok_or_else(|| at(primitive, "expected the corners that <vcount> says, found fewer"))?;
+                    let (polygon, others) = rest.split_at_checked(count).ok_or_else(|| {
+                        at(primitive, "expected the corners that <vcount> says, found fewer")
+                    })?;
                     polygons.push(polygon);
                     rest = others;
                 }
@@ -191,7 +218,9 @@ impl<'a> File<'a> {
             }
         }
         if self.triangles.len() > TRIANGLES_MAX {
-            return Err(format!("expected at most {TRIANGLES_MAX} triangles, found more; simplify the mesh"));
+            return Err(format!(
+                "expected at most {TRIANGLES_MAX} triangles, found more; simplify the mesh"
+            ));
         }
         Ok(())
     }
@@ -199,11 +228,15 @@ impl<'a> File<'a> {
     /// The points that an `<input>` refers to.
     fn positions(&self, input: Node<'a, 'a>) -> Result<Vec<DVec3>> {
         let vertices = self.target(input, "source")?;
-        let position = children(vertices, "input").find(|input| input.attribute("semantic") == Some("POSITION"));
-        let position = position.ok_or_else(|| at(vertices, "expected an <input> of semantic POSITION, found none"))?;
+        let position = children(vertices, "input")
+            .find(|input| input.attribute("semantic") == Some("POSITION"));
+        let position = position
+            .ok_or_else(|| at(vertices, "expected an <input> of semantic POSITION, found none"))?;
         let source = self.target(position, "source")?;
         let accessor = source.descendants().find(|node| node.has_tag_name_of("accessor"));
-        let count = |name| accessor.and_then(|a| a.attribute(name)).and_then(|text| text.parse::<usize>().ok());
+        let count = |name| {
+            accessor.and_then(|a| a.attribute(name)).and_then(|text| text.parse::<usize>().ok())
+        };
         let (stride, first) = (count("stride").unwrap_or(3).max(3), count("offset").unwrap_or(0));
         let array = children(source, "float_array").next();
         let array = array.ok_or_else(|| at(source, "expected a <float_array>, found none"))?;
@@ -229,9 +262,9 @@ fn transform(node: Node) -> Result<DMat4> {
     let values = |count: usize| -> Result<Vec<f64>> {
         let values = numbers(node)?;
         let name = node.tag_name().name();
-        (values.len() == count)
-            .then_some(values)
-            .ok_or_else(|| at(node, &format!("expected {count} numbers in <{name}>, found another number of them")))
+        (values.len() == count).then_some(values).ok_or_else(|| {
+            at(node, &format!("expected {count} numbers in <{name}>, found another number of them"))
+        })
     };
     Ok(match node.tag_name().name() {
         "matrix" => {
@@ -244,9 +277,15 @@ fn transform(node: Node) -> Result<DMat4> {
         "rotate" => {
             let values = values(4)?;
             let axis = DVec3::from_slice(&values).normalize_or_zero();
-            if axis == DVec3::ZERO { DMat4::IDENTITY } else { DMat4::from_axis_angle(axis, values[3].to_radians()) }
+            if axis == DVec3::ZERO {
+                DMat4::IDENTITY
+            } else {
+                DMat4::from_axis_angle(axis, values[3].to_radians())
+            }
         }
-        name @ ("lookat" | "skew") => return Err(at(node, &format!("<{name}> is not read; apply it to the mesh"))),
+        name @ ("lookat" | "skew") => {
+            return Err(at(node, &format!("<{name}> is not read; apply it to the mesh")));
+        }
         _ => DMat4::IDENTITY,
     })
 }
@@ -261,7 +300,9 @@ fn numbers<T: core::str::FromStr>(node: Node) -> Result<Vec<T>> {
 }
 
 fn number<T: core::str::FromStr>(node: Node, text: &str) -> Result<T> {
-    text.parse().map_err(|_| at(node, &format!("expected a number, found \"{}\"", tprmp_files::shortened(text))))
+    text.parse().map_err(|_| {
+        at(node, &format!("expected a number, found \"{}\"", tprmp_files::shortened(text)))
+    })
 }
 
 /// A text with the line of an element.

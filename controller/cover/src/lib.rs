@@ -154,14 +154,20 @@ pub fn cover(
     if names.is_empty() {
         return Err(CoverError::NothingMoves { file: urdf.to_owned() });
     }
-    let links: Vec<LinkShapes> = names.par_iter().map(|link| description.shapes(urdf, link, packages)).collect();
+    let links: Vec<LinkShapes> =
+        names.par_iter().map(|link| description.shapes(urdf, link, packages)).collect();
     let coverable: Vec<Option<Coverable>> =
         links.par_iter().map(|link| Coverable::new(&link.triangles, link.excess)).collect();
     let fixed: usize = links.iter().map(|link| link.spheres.len()).sum();
     let surfaces: Vec<&Coverable> = coverable.iter().flatten().collect();
-    let Some(most) = options.spheres_max.checked_sub(fixed).filter(|most| *most >= surfaces.len()) else {
+    let Some(most) = options.spheres_max.checked_sub(fixed).filter(|most| *most >= surfaces.len())
+    else {
         let least = fixed + surfaces.len();
-        return Err(CoverError::TooFewSpheres { least, links: links.len(), found: options.spheres_max });
+        return Err(CoverError::TooFewSpheres {
+            least,
+            links: links.len(),
+            found: options.spheres_max,
+        });
     };
     let mut covers = least_protrusion(&surfaces, options.protrusion_m, most).into_iter();
     let links: Vec<LinkCover> = links
@@ -173,7 +179,16 @@ pub fn cover(
             let LinkShapes { link, meshes, primitives, missing, triangles, .. } = shapes;
             let spheres = shapes.spheres.into_iter().chain(spheres).collect();
             let placement = description.placement(&link, selection);
-            LinkCover { link, meshes, primitives, missing, spheres, protrusion_m, triangles, placement }
+            LinkCover {
+                link,
+                meshes,
+                primitives,
+                missing,
+                spheres,
+                protrusion_m,
+                triangles,
+                placement,
+            }
         })
         .collect();
     let protrusion_m = links.iter().map(|link| link.protrusion_m).fold(0.0, f64::max);
@@ -181,7 +196,8 @@ pub fn cover(
 }
 
 fn check(options: &Options) -> Result<(), CoverError> {
-    let out_of_range = |expected: &str, found: String| CoverError::Option { expected: expected.into(), found };
+    let out_of_range =
+        |expected: &str, found: String| CoverError::Option { expected: expected.into(), found };
     let p = options.protrusion_m;
     if !(p > 0.0 && p <= PROTRUSION_MAX_M) {
         let expected = "a protrusion above 0 and of at most 1 m";

@@ -65,7 +65,8 @@ pub(crate) fn load(path: &Path) -> Result<Vec<Triangle>, MeshFault> {
         return Err(no_mesh("expected a mesh, found an empty file".into()));
     }
     if bytes.starts_with(b"version https://git-lfs") {
-        let remedy = "expected a mesh, found a pointer of Git LFS; run `git lfs pull` in its repository";
+        let remedy =
+            "expected a mesh, found a pointer of Git LFS; run `git lfs pull` in its repository";
         return Err(no_mesh(remedy.into()));
     }
     let triangles = match extension.as_ref().and_then(|extension| extension.to_str()) {
@@ -76,7 +77,10 @@ pub(crate) fn load(path: &Path) -> Result<Vec<Triangle>, MeshFault> {
             of_scene(mesh_loader::obj::from_slice(&bytes, None, nothing))
         }
         Some("dae") => collada::triangles(&bytes),
-        other => Err(format!("expected a file ending in .stl, .obj or .dae, found `{}`", other.unwrap_or(""))),
+        other => Err(format!(
+            "expected a file ending in .stl, .obj or .dae, found `{}`",
+            other.unwrap_or("")
+        )),
     };
     let triangles = triangles.map_err(no_mesh)?;
     if triangles.is_empty() {
@@ -93,12 +97,15 @@ pub(crate) fn load(path: &Path) -> Result<Vec<Triangle>, MeshFault> {
 pub(crate) fn checked(triangles: Vec<Triangle>) -> Result<Vec<Triangle>, MeshFault> {
     if triangles.len() > TRIANGLES_MAX {
         let found = triangles.len();
-        let text = format!("expected at most {TRIANGLES_MAX} triangles, found {found}; simplify the mesh");
+        let text =
+            format!("expected at most {TRIANGLES_MAX} triangles, found {found}; simplify the mesh");
         return Err(MeshFault::NotAMesh(text));
     }
     let corners = || triangles.iter().flatten();
     if !corners().all(|corner| corner.is_finite()) {
-        return Err(MeshFault::NotAMesh("expected finite coordinates, found one that is not".into()));
+        return Err(MeshFault::NotAMesh(
+            "expected finite coordinates, found one that is not".into(),
+        ));
     }
     let (low, high) = ends(corners().copied());
     let extent = (high - low).max_element();
@@ -124,7 +131,10 @@ fn of_scene(scene: io::Result<Scene>) -> Result<Vec<Triangle>, String> {
         for face in &mesh.faces {
             let corner = |index: u32| mesh.vertices.get(index as usize);
             let [Some(a), Some(b), Some(c)] = face.map(corner) else {
-                return Err(format!("expected one of {} vertices, found {face:?}", mesh.vertices.len()));
+                return Err(format!(
+                    "expected one of {} vertices, found {face:?}",
+                    mesh.vertices.len()
+                ));
             };
             triangles.push([a, b, c].map(|&v| DVec3::from_array(v.map(f64::from))));
         }

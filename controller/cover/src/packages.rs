@@ -18,7 +18,10 @@ impl Packages {
     #[must_use]
     pub fn with_environment(named: Vec<(String, PathBuf)>) -> Self {
         let paths = std::env::var_os("ROS_PACKAGE_PATH").unwrap_or_default();
-        Self { named, roots: std::env::split_paths(&paths).filter(|path| path.is_absolute()).collect() }
+        Self {
+            named,
+            roots: std::env::split_paths(&paths).filter(|path| path.is_absolute()).collect(),
+        }
     }
 
     /// The file that `filename` names in the URDF of a folder.
@@ -31,7 +34,10 @@ impl Packages {
             return Ok(found.clone());
         }
         if let Some(path) = candidates.iter().find(|path| path.exists()) {
-            return Err(MeshFault::NotAMesh(format!("expected a file, found a folder: `{}`", path.display())));
+            return Err(MeshFault::NotAMesh(format!(
+                "expected a file, found a folder: `{}`",
+                path.display()
+            )));
         }
         let remedy = match package {
             Some(name) => format!("say where package `{name}` is: --package {name}=FOLDER"),
@@ -47,12 +53,19 @@ impl Packages {
         if let Some(path) = filename.strip_prefix("file://") {
             return (None, vec![folder.join(path)]);
         }
-        let inside = filename.strip_prefix("package://").or_else(|| filename.strip_prefix("model://"));
-        let Some((name, path)) = inside.map(|inside| inside.split_once('/').unwrap_or((inside, ""))) else {
+        let inside =
+            filename.strip_prefix("package://").or_else(|| filename.strip_prefix("model://"));
+        let Some((name, path)) =
+            inside.map(|inside| inside.split_once('/').unwrap_or((inside, "")))
+        else {
             return (None, vec![folder.join(filename)]);
         };
-        let mut folders: Vec<PathBuf> =
-            self.named.iter().filter(|(named, _)| named == name).map(|(_, folder)| folder.clone()).collect();
+        let mut folders: Vec<PathBuf> = self
+            .named
+            .iter()
+            .filter(|(named, _)| named == name)
+            .map(|(_, folder)| folder.clone())
+            .collect();
         for root in &self.roots {
             folders.push(root.join(name));
             folders.extend((root.file_name() == Some(name.as_ref())).then(|| root.clone()));

@@ -12,13 +12,28 @@ impl Cover {
         page.paragraph(&self.summary());
         let bodies = self.links.iter().filter(|link| link.has_shape()).map(|link| Body {
             name: link.link.clone(),
-            triangles: link.triangles.iter().map(|t| t.map(|corner| link.placement.transform_point3(corner))).collect(),
-            spheres: link.spheres.iter().map(|s| (link.placement.transform_point3(s.centre), s.radius)).collect(),
+            triangles: link
+                .triangles
+                .iter()
+                .map(|t| t.map(|corner| link.placement.transform_point3(corner)))
+                .collect(),
+            spheres: link
+                .spheres
+                .iter()
+                .map(|s| (link.placement.transform_point3(s.centre), s.radius))
+                .collect(),
         });
         let caption = "Joints in the middle of their ranges.".into();
         page.turntable(&Turntable { name: "links".into(), bodies: bodies.collect(), caption });
-        let head =
-            ["link", "meshes", "other shapes", "spheres", "radii [mm]", "protrusion at most [mm]", "kept clear"];
+        let head = [
+            "link",
+            "meshes",
+            "other shapes",
+            "spheres",
+            "radii [mm]",
+            "protrusion at most [mm]",
+            "kept clear",
+        ];
         let rows = self.links.iter().map(|link| {
             let verdict = match (link.missing.is_empty(), link.has_shape()) {
                 (false, _) => Cell::verdict(Some(false), "no").with_details(
@@ -28,7 +43,11 @@ impl Cover {
                 (true, true) => Cell::verdict(Some(true), "yes"),
                 (true, false) => Cell::verdict(None, "has no shape"),
             };
-            let protrusion = if link.has_shape() { format!("{:.1}", link.protrusion_m * 1e3) } else { String::new() };
+            let protrusion = if link.has_shape() {
+                format!("{:.1}", link.protrusion_m * 1e3)
+            } else {
+                String::new()
+            };
             vec![
                 link.link.as_str().into(),
                 link.meshes.to_string().into(),

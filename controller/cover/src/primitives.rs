@@ -58,8 +58,12 @@ fn lathe(profile: &[DVec2]) -> Vec<Triangle> {
     let mut triangles = Vec::new();
     for pair in profile.windows(2) {
         for side in 0..SIDES {
-            let [a, b, c, d] =
-                [at(pair[0], side), at(pair[0], side + 1), at(pair[1], side + 1), at(pair[1], side)];
+            let [a, b, c, d] = [
+                at(pair[0], side),
+                at(pair[0], side + 1),
+                at(pair[1], side + 1),
+                at(pair[1], side),
+            ];
             triangles.extend([[a, b, c], [a, c, d]]);
         }
     }

@@ -3,6 +3,7 @@
 //! Meshes of vendors are open where links meet, overlap, or turn their faces the wrong way around. So a point
 //! counts as inside when no path along a grid leads from it to the outside without crossing a triangle, or
 //! when most of the six rays along the axes say so: by the winding number, or by an odd number of crossings.
+//! Openings between inside and outside are a surface too, so that depths are not too large there.
 
 use glam::{DVec3, IVec3};
 use parry3d_f64::query::PointQuery;
@@ -44,7 +45,8 @@ impl Solid {
         let outer: Vec<_> = triangles.iter().filter(|t| grid.touches_outside(t, &inside)).collect();
         let outer = if outer.is_empty() { triangles.iter().collect() } else { outer };
         let has_area = |t: &&&Triangle| (t[1] - t[0]).cross(t[2] - t[0]).length_squared() > 1e-24;
-        let vertices: Vec<_> = outer.iter().filter(has_area).flat_map(|t| **t).collect();
+        let mut vertices: Vec<_> = outer.iter().filter(has_area).flat_map(|t| **t).collect();
+        vertices.extend(grid.openings(&crossings, &inside).into_iter().flatten());
         let faces = (0..vertices.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         Some(Self { outer: TriMesh::new(vertices, faces).ok()?, grid, inside })
     }
@@ -65,15 +67,20 @@ impl Solid {
         /// The depth rises by sin α a step where two faces meet at 2α: flat angles need no centres of their own.
         const SLOPE_MAX: f64 = 0.85;
         let grid = &self.grid;
-        let depths: Vec<f64> = (0..self.inside.len())
-            .map(|node| if self.inside[node] { self.distance(grid.place(grid.cell(node))) } else { 0.0 })
-            .collect();
+        let depths: Vec<f64> =
+            (0..self.inside.len())
+                .map(|node| {
+                    if self.inside[node] { self.distance(grid.place(grid.cell(node))) } else { 0.0 }
+                })
+                .collect();
         let mut centres = Vec::new();
         for node in (0..depths.len()).filter(|node| self.inside[*node]) {
             let (cell, depth) = (grid.cell(node), depths[node]);
             let is_covered = neighbours(2).any(|by| {
                 let other = grid.node(cell + by);
-                other.is_some_and(|other| depths[other] - depth > SLOPE_MAX * grid.step * by.as_dvec3().length())
+                other.is_some_and(|other| {
+                    depths[other] - depth > SLOPE_MAX * grid.step * by.as_dvec3().length()
+                })
             });
             if !is_covered {
                 centres.push(Centre { at: grid.place(cell), depth });
@@ -86,7 +93,8 @@ impl Solid {
 /// The cells around one, itself left out.
 fn neighbours(reach: i32) -> impl Iterator<Item = IVec3> {
     let range = move || -reach..=reach;
-    let all = range().flat_map(move |x| range().flat_map(move |y| range().map(move |z| IVec3::new(x, y, z))));
+    let all = range()
+        .flat_map(move |x| range().flat_map(move |y| range().map(move |z| IVec3::new(x, y, z))));
     all.filter(|by| *by != IVec3::ZERO)
 }
 
@@ -139,12 +147,15 @@ impl Grid {
             // In steps of the grid.
             let [a, b, c] = triangle.map(|corner| (corner - self.origin) / self.step);
             let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-            let edge = |p: DVec3, q: DVec3, x: f64, y: f64| (q[u] - p[u]) * (y - p[v]) - (q[v] - p[v]) * (x - p[u]);
+            let edge = |p: DVec3, q: DVec3, x: f64, y: f64| {
+                (q[u] - p[u]) * (y - p[v]) - (q[v] - p[v]) * (x - p[u])
+            };
             let area = edge(a, b, c[u], c[v]);
             for y in low[v].ceil() as i32..=high[v].floor() as i32 {
                 for x in low[u].ceil() as i32..=high[u].floor() as i32 {
                     let (px, py) = (f64::from(x), f64::from(y));
-                    let weights = [edge(b, c, px, py), edge(c, a, px, py), edge(a, b, px, py)].map(|w| w / area);
+                    let weights = [edge(b, c, px, py), edge(c, a, px, py), edge(a, b, px, py)]
+                        .map(|w| w / area);
                     if weights.iter().all(|w| *w >= 0.0) {
                         let at = weights[0] * a[axis] + weights[1] * b[axis] + weights[2] * c[axis];
                         let sign = if area > 0.0 { 1 } else { -1 };
@@ -185,21 +196,46 @@ impl Grid {
         let mut open = vec![IVec3::ZERO];
         reached[0] = true;
         while let Some(cell) = open.pop() {
-            for (axis, lines) in crossings.iter().enumerate() {
-                let line = &lines[self.line(cell, axis)];
-                for by in [-1, 1] {
-                    let next = cell + IVec3::AXES[axis] * by;
-                    let Some(node) = self.node(next).filter(|node| !reached[*node]) else { continue };
-                    let low = f64::from(cell[axis].min(next[axis]));
-                    let at = line.partition_point(|(at, _)| *at < low);
-                    if line.get(at).is_none_or(|(at, _)| *at > low + 1.0) {
-                        reached[node] = true;
-                        open.push(next);
-                    }
+            for next in self.open_neighbours(crossings, cell).map(|(next, _)| next) {
+                if let Some(node) = self.node(next).filter(|node| !reached[*node]) {
+                    reached[node] = true;
+                    open.push(next);
                 }
             }
         }
         reached
+    }
+
+    /// The cells beside one that no triangle separates from it, with their axes.
+    fn open_neighbours(
+        &self,
+        crossings: &[Crossings; 3],
+        cell: IVec3,
+    ) -> impl Iterator<Item = (IVec3, usize)> {
+        let sides =
+            (0..3).flat_map(move |axis| [-1, 1].map(|by| (cell + IVec3::AXES[axis] * by, axis)));
+        sides.filter(move |(next, axis)| {
+            let line = &crossings[*axis][self.line(cell, *axis)];
+            let low = f64::from(cell[*axis].min(next[*axis]));
+            line.get(line.partition_point(|(at, _)| *at < low))
+                .is_none_or(|(at, _)| *at > low + 1.0)
+        })
+    }
+
+    /// Squares that close the openings of a mesh: at nodes inside from which a step leads outside through no triangle.
+    fn openings(&self, crossings: &[Crossings; 3], inside: &[bool]) -> Vec<Triangle> {
+        let mut triangles = Vec::new();
+        for cell in (0..inside.len()).filter(|node| inside[*node]).map(|node| self.cell(node)) {
+            for (next, axis) in self.open_neighbours(crossings, cell) {
+                if self.node(next).is_some_and(|node| !inside[node]) {
+                    let half = |axis: usize| DVec3::AXES[axis % 3] * (self.step / 2.0);
+                    let (at, u, v) = (self.place(cell), half(axis + 1), half(axis + 2));
+                    let [a, b, c, d] = [at - u - v, at + u - v, at + u + v, at - u + v];
+                    triangles.extend([[a, b, c], [a, c, d]]);
+                }
+            }
+        }
+        triangles
     }
 
     /// Whether there is a node outside near a triangle.

@@ -55,8 +55,11 @@ impl Coverable {
         let (patches, cut) = patches(triangles);
         let solid = Solid::new(&cut)?;
         let medial = solid.medial_centres();
-        let stride = medial.len().div_ceil(CENTRES_MAX).max(1);
-        let mut centres: Vec<Centre> = medial.into_iter().step_by(stride).collect();
+        // Every so many of them, in an order that no row of the grid repeats: multiples of the golden ratio.
+        let fraction = CENTRES_MAX as f64 / medial.len().max(1) as f64;
+        let is_kept = |i: &usize| (*i as f64 * 0.618_033_988_749_895).fract() < fraction;
+        let mut centres: Vec<Centre> =
+            (0..medial.len()).filter(is_kept).map(|i| medial[i]).collect();
         let needs_of = |centre: &Centre| {
             let (at, depth) = (centre.at, centre.depth);
             patches.iter().map(move |patch| (farthest(patch, at) - depth) as f32)
@@ -100,7 +103,8 @@ impl Coverable {
             *last = (1 << rest) - 1;
         }
         // Gains only fall, so a centre whose old gain is the largest of all is looked at again first.
-        let mut queue: BTreeSet<(u32, usize)> = (0..self.centres.len()).map(|c| (gain(c, &left), c)).collect();
+        let mut queue: BTreeSet<(u32, usize)> =
+            (0..self.centres.len()).map(|c| (gain(c, &left), c)).collect();
         let mut chosen = Vec::new();
         while left.iter().any(|word| *word != 0) {
             let (old, centre) = queue.pop_last()?;
@@ -124,8 +128,10 @@ impl Coverable {
     /// Takes away what others cover too, what was chosen last first.
     fn drop_redundant(&self, chosen: &mut Vec<usize>, limit: f32) {
         for at in (0..chosen.len()).rev() {
-            let others = || chosen.iter().enumerate().filter(|(other, _)| *other != at).map(|(_, c)| *c);
-            let covered = (0..self.patches.len()).all(|patch| others().any(|c| self.row(c)[patch] <= limit));
+            let others =
+                || chosen.iter().enumerate().filter(|(other, _)| *other != at).map(|(_, c)| *c);
+            let covered =
+                (0..self.patches.len()).all(|patch| others().any(|c| self.row(c)[patch] <= limit));
             if covered {
                 chosen.remove(at);
             }
@@ -158,7 +164,8 @@ impl Coverable {
                 patches.sort_by(|a, b| need(*centre, b).total_cmp(&need(*centre, a)));
                 let mut least = worst(*centre, &patches);
                 for other in 0..self.centres.len() {
-                    if patches.iter().all(|patch| need(other, patch) < least) && !patches.is_empty() {
+                    if patches.iter().all(|patch| need(other, patch) < least) && !patches.is_empty()
+                    {
                         (least, *centre) = (worst(other, &patches), other);
                         is_settled = false;
                     }
@@ -169,7 +176,8 @@ impl Coverable {
             }
         }
         let assigned = self.assigned(chosen);
-        let worsts = assigned.iter().zip(chosen.iter()).map(|(patches, centre)| worst(*centre, patches));
+        let worsts =
+            assigned.iter().zip(chosen.iter()).map(|(patches, centre)| worst(*centre, patches));
         f64::from(worsts.fold(0.0, f32::max))
     }
 
@@ -201,7 +209,8 @@ impl Coverable {
             if patches.is_empty() {
                 continue;
             }
-            let points: Vec<DVec3> = patches.iter().flat_map(|patch| self.patches[*patch].iter().copied()).collect();
+            let points: Vec<DVec3> =
+                patches.iter().flat_map(|patch| self.patches[*patch].iter().copied()).collect();
             let centre = self.moved(self.centres[*centre], &points);
             let at = (centre.at / DIGIT_M).round() * DIGIT_M;
             // Rounded upwards, so that every corner stays inside.
@@ -254,8 +263,10 @@ fn patches(triangles: &[Triangle]) -> (Vec<Vec<DVec3>>, Vec<Triangle>) {
         let (low, high) = ends(triangles.iter().flatten().copied());
         (high - low).max_element()
     };
-    let perimeter: f64 = triangles.iter().map(|[a, b, c]| a.distance(*b) + b.distance(*c) + c.distance(*a)).sum();
-    let size = (total / PATCHES).sqrt().max(longest / PATCHES).max(perimeter / CUTS_MAX).max(PATCH_MIN_M);
+    let perimeter: f64 =
+        triangles.iter().map(|[a, b, c]| a.distance(*b) + b.distance(*c) + c.distance(*a)).sum();
+    let size =
+        (total / PATCHES).sqrt().max(longest / PATCHES).max(perimeter / CUTS_MAX).max(PATCH_MIN_M);
     let mut cut = Vec::with_capacity(triangles.len());
     let mut open = triangles.to_vec();
     while let Some([a, b, c]) = open.pop() {
@@ -265,7 +276,13 @@ fn patches(triangles: &[Triangle]) -> (Vec<Vec<DVec3>>, Vec<Triangle>) {
             cut.push([a, b, c]);
         } else {
             // The longest side in halves.
-            let [a, b, c] = if most == sides[0] { [a, b, c] } else if most == sides[1] { [b, c, a] } else { [c, a, b] };
+            let [a, b, c] = if most == sides[0] {
+                [a, b, c]
+            } else if most == sides[1] {
+                [b, c, a]
+            } else {
+                [c, a, b]
+            };
             let half = (a + b) / 2.0;
             open.extend([[a, half, c], [half, b, c]]);
         }
@@ -273,8 +290,13 @@ fn patches(triangles: &[Triangle]) -> (Vec<Vec<DVec3>>, Vec<Triangle>) {
     let mut cells: BTreeMap<[i32; 3], BTreeSet<[u64; 3]>> = BTreeMap::new();
     for triangle in &cut {
         let cell = (middle(triangle) / size).floor().as_ivec3().to_array();
-        cells.entry(cell).or_default().extend(triangle.map(|corner| corner.to_array().map(f64::to_bits)));
+        cells
+            .entry(cell)
+            .or_default()
+            .extend(triangle.map(|corner| corner.to_array().map(f64::to_bits)));
     }
-    let points = |set: BTreeSet<[u64; 3]>| set.into_iter().map(|bits| DVec3::from_array(bits.map(f64::from_bits)));
+    let points = |set: BTreeSet<[u64; 3]>| {
+        set.into_iter().map(|bits| DVec3::from_array(bits.map(f64::from_bits)))
+    };
     (cells.into_values().map(|set| points(set).collect()).collect(), cut)
 }

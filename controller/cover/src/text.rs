@@ -43,7 +43,9 @@ impl Cover {
         if self.is_within() {
             return format!("{text}; {asked:.1} mm were asked for, of at most {most} spheres");
         }
-        format!("{text}: less, the {asked:.1} mm that were asked for, would take more than {most} spheres")
+        format!(
+            "{text}: less, the {asked:.1} mm that were asked for, would take more than {most} spheres"
+        )
     }
 
     /// The spheres as the value of a configuration's key `robot.control_points`, in RON.

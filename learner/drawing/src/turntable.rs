@@ -40,8 +40,11 @@ impl Turntable {
     /// The figure as a part of a page, well-formed XML.
     pub(crate) fn html(&self) -> String {
         let name = escape(&self.name).replace(' ', "-");
-        let options: String =
-            self.bodies.iter().map(|body| format!("<option>{}</option>", escape(&body.name))).collect();
+        let options: String = self
+            .bodies
+            .iter()
+            .map(|body| format!("<option>{}</option>", escape(&body.name)))
+            .collect();
         // Names are escaped in the list; the script gets numbers alone.
         format!(
             "<figure id=\"{name}\">\n<canvas width=\"1400\" height=\"1000\" \
@@ -60,7 +63,8 @@ impl Turntable {
     /// `[{v: [corners, mm], f: [indices], s: [centres and radii, mm]}, …]`
     fn data(&self) -> String {
         let mut cell = longest_side(&self.bodies) / CELLS;
-        let mut surfaces: Vec<_> = self.bodies.iter().map(|body| coarse(&body.triangles, cell)).collect();
+        let mut surfaces: Vec<_> =
+            self.bodies.iter().map(|body| coarse(&body.triangles, cell)).collect();
         // Twice as coarse has a quarter of the triangles.
         while surfaces.iter().map(|(_, faces)| faces.len()).sum::<usize>() > TRIANGLES_MAX {
             cell *= 1.4;
@@ -123,7 +127,8 @@ mod tests {
     use crate::Page;
 
     fn body(triangles: usize) -> Body {
-        let on = |i: usize| DVec3::new((i as f64 * 0.7).sin(), (i as f64 * 1.3).cos(), i as f64 * 1e-4);
+        let on =
+            |i: usize| DVec3::new((i as f64 * 0.7).sin(), (i as f64 * 1.3).cos(), i as f64 * 1e-4);
         let triangles = (0..triangles).map(|i| [on(i), on(i + 1), on(i + 2)]).collect();
         Body { name: "a < b".into(), triangles, spheres: vec![(DVec3::X, 0.25)] }
     }
@@ -134,7 +139,12 @@ mod tests {
         let caption = "x & y".into();
         page.turntable(&Turntable { name: "the arm".into(), bodies: vec![body(3)], caption });
         let html = page.html();
-        for part in ["<figure id=\"the-arm\">", "<option>a &lt; b</option>", "x &amp; y", "s:[1000.0,0.0,0.0,250.0,]"] {
+        for part in [
+            "<figure id=\"the-arm\">",
+            "<option>a &lt; b</option>",
+            "x &amp; y",
+            "s:[1000.0,0.0,0.0,250.0,]",
+        ] {
             assert!(html.contains(part), "{html}: no {part}");
         }
         assert!(!html.contains("http") && !html.contains(" src="), "{html}");
@@ -142,7 +152,8 @@ mod tests {
 
     #[test]
     fn however_many_triangles_the_page_stays_small() {
-        let turntable = Turntable { name: "n".into(), bodies: vec![body(300_000)], caption: String::new() };
+        let turntable =
+            Turntable { name: "n".into(), bodies: vec![body(300_000)], caption: String::new() };
         assert!(turntable.html().len() < 2_000_000, "{}", turntable.html().len());
         let (corners, faces) = coarse(&[[DVec3::ZERO, DVec3::X, DVec3::Y]; 2], 0.1);
         assert_eq!((corners.len(), faces.len()), (3, 1));
