@@ -55,6 +55,7 @@ mod kinematics;
 mod limits;
 mod placement;
 mod plausibility;
+mod postures;
 mod ranges;
 mod reader;
 mod sanitise;
@@ -80,6 +81,7 @@ pub use kinematics::{
     Kinematics, forward_kinematics, forward_kinematics_with_velocity, point_motion, point_position,
 };
 pub use plausibility::{Remark, remarks};
+pub use postures::spread_posture;
 pub use selection::{Interface, LimitOverride, Selection};
 pub use self_pairs::{Ignored, SelfPairs};
 pub use urdf::{JOINTS_MAX, JOINTS_MIN, count_joints};

@@ -73,7 +73,10 @@ pub enum CoverLinksError {
 }
 
 /// `NAME=FOLDER`.
-fn package(text: &str) -> Result<(String, PathBuf), String> {
+///
+/// # Errors
+/// With what was expected.
+pub(crate) fn package(text: &str) -> Result<(String, PathBuf), String> {
     match text.split_once('=') {
         Some((name, folder)) if !name.is_empty() && !folder.is_empty() => {
             Ok((name.into(), folder.into()))

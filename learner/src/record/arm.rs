@@ -74,7 +74,7 @@ fn serial<const N: usize>(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, 
         let problem = format!(
             "expected the joints that `{}` has between its root and `{}`, {:?}, found {:?}",
             robot.urdf.display(),
-            robot.tool_link,
+            robot.tool_frame(),
             chain.joint_names(),
             robot.joints
         );
