@@ -103,6 +103,9 @@ fn limits_are_those_given_beside_the_file() {
     assert_eq!((one.velocity_max()[2], one.effort_max()[2]), (3.1, 99.0));
     let motion = chain("motion", &[(ELBOW, to)], by_motion()).unwrap();
     assert_eq!((motion.effort_max()[2], motion.effort_max()[1]), (f64::INFINITY, 150.0));
+    let reversed = LimitOverride { position: Some([2.0, -1.0]), ..all };
+    let expected = "joint `elbow_joint`: limit: expected lower < upper, found lower 2 and upper -1";
+    refused("reversed", &[], limited("elbow_joint", reversed), &[expected]);
     let unknown = limited("elbow", only_effort);
     refused(
         "unknown",
@@ -136,14 +139,15 @@ fn continuous_joints_have_no_position_limits() {
 
 #[test]
 fn soft_limits_count_where_they_are_narrower() {
+    let hard = r#"<limit lower="-3" upper="3" velocity="3" effort="150"/>"#;
     for (test, soft, expected) in [
         ("narrower", r#"soft_lower_limit="-2" soft_upper_limit="1.5""#, [-2.0, 1.5]),
-        ("wider", r#"soft_lower_limit="-9" soft_upper_limit="9""#, [-3.14159265359, 3.14159265359]),
-        ("one_side", r#"soft_lower_limit="-2" soft_upper_limit="9""#, [-2.0, 3.14159265359]),
-        ("zeros", r#"soft_lower_limit="0" soft_upper_limit="0""#, [-3.14159265359, 3.14159265359]),
-        ("none", r#"k_position="30""#, [-3.14159265359, 3.14159265359]),
+        ("wider", r#"soft_lower_limit="-9" soft_upper_limit="9""#, [-3.0, 3.0]),
+        ("one_side", r#"soft_lower_limit="-2" soft_upper_limit="9""#, [-2.0, 3.0]),
+        ("zeros", r#"soft_lower_limit="0" soft_upper_limit="0""#, [-3.0, 3.0]),
+        ("none", r#"k_position="30""#, [-3.0, 3.0]),
     ] {
-        let to = format!("{ELBOW}<safety_controller k_velocity=\"1\" {soft}/>");
+        let to = format!("{hard}<safety_controller k_velocity=\"1\" {soft}/>");
         let chain = chain(test, &[(ELBOW, &to)], ur5()).unwrap();
         assert_eq!([chain.position_lower()[2], chain.position_upper()[2]], expected, "{test}");
     }
