@@ -365,7 +365,7 @@ pub enum UrdfErrorKind {
     /// The position limits leave no range.
     #[error(
         "joint `{joint}`: limit: expected lower < upper, found lower {lower} and upper {upper}{}",
-        if lower > upper { ": they are swapped" } else { "; set `robot.limits`" }
+        if lower > upper { ": they are swapped; mend them, or set `robot.limits`" } else { "; set `robot.limits`" }
     )]
     LimitOrder {
         /// The joint.
