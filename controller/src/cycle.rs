@@ -19,7 +19,7 @@ use crate::control::supervisor::{Kind, Supervisor, kind};
 use crate::detail::{About, Detail};
 use crate::inputs::estimator::JointState;
 use crate::inputs::external::ExternalCommand;
-use crate::inputs::frozen::FrozenPositions;
+use crate::inputs::frozen::{Asked, FrozenPositions};
 use crate::inputs::inbox::Inbox;
 use crate::motion::generator::{MotionGenerator, Setpoint};
 use crate::motion::limits::JointLimits;
@@ -318,7 +318,12 @@ impl<const N: usize> Cycle<N> {
         self.time_stands = matches!(measured, Err(Reason::StateTimeStuck));
         let (joints, time_ns) = measured?;
         self.motion.observe(&joints, time_ns);
-        self.frozen.update(&joints.position, time_ns, self.outbox.commanded())?;
+        let asked = self.outbox.commanded().map(|(position, velocity)| Asked {
+            position,
+            velocity,
+            missing: self.motion.missing_acceleration(),
+        });
+        self.frozen.update(&joints.position, time_ns, asked)?;
         Ok(joints)
     }
 
@@ -476,7 +481,9 @@ impl<const N: usize> Cycle<N> {
             Reason::VelocityUnbelievable | Reason::PositionsFrozen | Reason::JointOrder
         );
         let stands = self.time_stands && self.timing.pacing() == Pacing::Lockstep;
-        if misled && self.lasts || stands {
+        if misled && self.lasts {
+            self.motion.was_misled();
+        } else if stands {
             self.motion.robot_brakes();
         }
         // Whether the arm makes progress is judged anew once it goes on.

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use tprmp_controller::commands::conformance::Conformance;
+use tprmp_controller::commands::cover::CoverLinks;
 use tprmp_controller::commands::ctl::Ctl;
 use tprmp_controller::commands::frames::Frames;
 use tprmp_controller::commands::layout::Layout;
@@ -43,6 +44,10 @@ enum Command {
         #[arg(long)]
         model: Vec<PathBuf>,
     },
+    /// Cover the links of an arm with spheres, from the meshes of its URDF: the control points of a configuration.
+    ///
+    /// The exit code is 1 when the mesh of a link is missing, unless the link is exempt.
+    Cover(CoverLinks),
     /// Show how a running controller is doing: its state, counters and the times of its ticks.
     ///
     /// It only reads what the controller publishes anyway. Ctrl-C ends it.
@@ -83,6 +88,7 @@ fn main() -> ExitCode {
     match Arguments::parse().command {
         Command::Run(run) => exit(run.run()),
         Command::Check { config, model } => exit(check::check(&config, &model)),
+        Command::Cover(cover) => exit(cover.run()),
         Command::Top { instance, once } => exit(top::top(&instance, once)),
         Command::Ctl(ctl) => exit(ctl.run()),
         Command::Clean { instance } => exit(clean::clean(instance.as_deref())),

@@ -315,7 +315,50 @@ pub fn robot_of<const N: usize>(
     };
     let points =
         points.map_err(|source| StartError::ControlPoints { urdf: urdf.clone(), source })?;
+    check_kept_clear(config_path, config, &uncovered_links(&chain, &points), &links)?;
     Ok((chain, points))
+}
+
+/// The moving links that have collision shapes and no control points.
+#[must_use]
+pub fn uncovered_links<'a, const N: usize>(
+    chain: &'a Chain<N>,
+    points: &ControlPoints,
+) -> Vec<&'a str> {
+    let links = chain.moving_links().iter().enumerate();
+    let has_shape = |link: usize| chain.collision_shapes().iter().any(|shape| shape.link == link);
+    let has_points = |link: usize| points.as_slice().iter().any(|point| point.link == link);
+    let uncovered = links.filter(|(link, _)| has_shape(*link) && !has_points(*link));
+    uncovered.map(|(_, (name, _))| name.as_str()).collect()
+}
+
+/// Where the arm keeps clear of anything, each link does that has a shape, or is exempt.
+fn check_kept_clear(
+    config_path: &Path,
+    config: &ControllerConfig,
+    uncovered: &[&str],
+    links: &[&String],
+) -> Result<(), StartError> {
+    let exempt = &config.robot.not_kept_clear;
+    let wrong: Vec<_> = exempt.iter().filter(|name| !links.contains(name)).collect();
+    if !wrong.is_empty() {
+        let expected = format!("moving links, {links:?}");
+        return Err(StartError::key(
+            config_path,
+            "robot.not_kept_clear",
+            expected,
+            format!("{wrong:?}"),
+        ));
+    }
+    let found: Vec<_> =
+        uncovered.iter().filter(|link| !exempt.iter().any(|e| e == *link)).collect();
+    if found.is_empty() || (config.collision.is_none() && config.self_collision.is_none()) {
+        return Ok(());
+    }
+    let expected = "control points for each link that has collision shapes (`controller cover` finds them), or the \
+                    links that need none in `robot.not_kept_clear`";
+    let found = format!("none for {found:?}: not kept clear");
+    Err(StartError::key(config_path, "robot.control_points", expected, found))
 }
 
 fn joints_error(config: &Path, robot: &Robot, described: String) -> StartError {

@@ -6,6 +6,7 @@ mod command;
 mod common;
 mod conformance;
 mod control;
+mod cover;
 mod crashes;
 mod examples;
 mod fault_matrix;

@@ -24,6 +24,20 @@ impl fmt::Display for NameFault {
 
 impl std::error::Error for NameFault {}
 
+/// Largest number of a frame or an obstacle \[m, m/s, rad/s\]: products of several stay finite, and nothing is that
+/// far away or that fast.
+pub const NUMBER_MAX: f64 = 1e6;
+
+/// Whether a number of a frame or an obstacle is one, and at most [`NUMBER_MAX`].
+#[must_use]
+pub fn is_usable(number: f64) -> bool {
+    number.abs() <= NUMBER_MAX
+}
+
+fn usable<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
+    values.into_iter().all(|value| is_usable(*value))
+}
+
 fn finite<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
     values.into_iter().all(|value| value.is_finite())
 }
@@ -118,7 +132,7 @@ impl Frame {
     /// When it is marked invalid, a number is not finite, or the quaternion is not of unit length.
     pub fn check_pose(&self) -> Result<(), Reason> {
         check(self.valid == 1, Reason::FrameMissing)?;
-        check(finite(self.position.iter().chain(&self.quaternion)), Reason::FrameNotFinite)?;
+        check(usable(self.position.iter().chain(&self.quaternion)), Reason::FrameNotFinite)?;
         check(is_unit(self.quaternion), Reason::QuaternionNotUnit)
     }
 
@@ -129,7 +143,7 @@ impl Frame {
     pub fn check(&self) -> Result<(), Reason> {
         let velocity = self.linear_velocity.iter().chain(&self.angular_velocity);
         check(self.valid == 1, Reason::FrameMissing)?;
-        check(finite(velocity), Reason::FrameNotFinite)?;
+        check(usable(velocity), Reason::FrameNotFinite)?;
         self.check_pose()?;
         check(self.distance_m() <= FRAME_DISTANCE_MAX_M, Reason::FrameFar)
     }
@@ -156,13 +170,13 @@ impl Obstacle {
     /// may be zero), a radius is beyond [`FRAME_DISTANCE_MAX_M`], a number is not finite, or the quaternion is not of unit length.
     pub fn check(&self) -> Result<ObstacleKind, Reason> {
         check(self.valid == 1, Reason::ObstacleUnknown)?;
-        check(finite(self.quaternion.iter().chain(&self.size)), Reason::FrameNotFinite)?;
+        check(usable(self.quaternion.iter().chain(&self.size)), Reason::FrameNotFinite)?;
         let kind = ObstacleKind::from_wire(self.kind).ok_or(Reason::ObstacleUnknown)?;
         check(self.bad_size(kind).is_none(), Reason::ObstacleSize)?;
         let turns = kind != ObstacleKind::Sphere;
         check(!turns || is_unit(self.quaternion), Reason::ObstacleQuaternion)?;
         let motion = [self.position, self.linear_velocity, self.angular_velocity];
-        check(finite(motion.as_flattened()), Reason::FrameNotFinite)?;
+        check(usable(motion.as_flattened()), Reason::FrameNotFinite)?;
         Ok(kind)
     }
 }

@@ -64,8 +64,8 @@ pub use bounds::{
     ServiceLayout,
 };
 pub use checks::{
-    FRAME_DISTANCE_MAX_M, NameFault, QUATERNION_TOLERANCE, joint_names_hash, name_bytes, name_str,
-    quaternion_length,
+    FRAME_DISTANCE_MAX_M, NUMBER_MAX, NameFault, QUATERNION_TOLERANCE, is_usable, joint_names_hash,
+    name_bytes, name_str, quaternion_length,
 };
 pub use control::{
     ControlAnswer, ControlClient, ControlRequest, ControlServer, ControlVerb, TEXT_CAPACITY,

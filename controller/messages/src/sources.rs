@@ -160,6 +160,12 @@ impl<'a> PublishedFrames<'a> {
         self.now_ns.abs_diff(message.time_ns)
     }
 
+    /// The time at which they are looked at \[ns\].
+    #[must_use]
+    pub fn now_ns(&self) -> u64 {
+        self.now_ns
+    }
+
     /// How old a message may be \[ns\].
     #[must_use]
     pub fn age_max_ns(&self) -> u64 {

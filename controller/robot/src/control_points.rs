@@ -61,7 +61,7 @@ pub enum ControlPointError {
     },
     /// A collision shape is a mesh.
     #[error(
-        "link `{link}`: expected collision shapes of cylinders, capsules, spheres or boxes, found a mesh; list its control points in place of it"
+        "link `{link}`: expected collision shapes of cylinders, capsules, spheres or boxes, found a mesh; list control points in place of them, which `controller cover` finds"
     )]
     Mesh {
         /// The link.

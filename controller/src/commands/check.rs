@@ -137,8 +137,10 @@ impl WithRobot for Describe<'_> {
     }
 }
 
-/// How many spheres cover each link, and how large they are.
+/// How many spheres cover each link, and how large they are. A link that is not kept clear was accepted at the
+/// start-up's checks: it is exempt, or nothing keeps clear.
 fn list_control_points<const N: usize>(chain: &Chain<N>, points: &ControlPoints) {
+    let uncovered = startup::uncovered_links(chain, points);
     for (index, (link, _)) in chain.moving_links().iter().enumerate() {
         let radii = points.as_slice().iter().filter(|p| p.link == index).map(|p| p.radius);
         let (count, least, most) = radii
@@ -146,7 +148,13 @@ fn list_control_points<const N: usize>(chain: &Chain<N>, points: &ControlPoints)
                 (n + 1, least.min(r), most.max(r))
             });
         let text = match count {
-            0 => format!("{link}: no collision shape, so it is not kept clear"),
+            0 if uncovered.contains(&link.as_str()) => {
+                let text =
+                    format!("{link}: has collision shapes and no control points, not kept clear");
+                line("lack", "control points", &text);
+                continue;
+            }
+            0 => format!("{link}: no collision shape"),
             1 => format!("{link}: 1 sphere of {:.0} mm covers it", most * 1e3),
             _ => format!(
                 "{link}: {count} spheres of {:.0} to {:.0} mm cover it",

@@ -3,6 +3,7 @@
 pub mod check;
 pub mod clean;
 pub mod conformance;
+pub mod cover;
 pub mod ctl;
 pub mod frames;
 pub mod layout;

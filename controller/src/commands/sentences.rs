@@ -9,7 +9,10 @@ const SENTENCES: &[(Reason, &str)] = &[
     (Reason::StateNotFinite, "the robot state holds a number that is not finite"),
     (Reason::JointCount, "the robot state has another number of joints than the robot"),
     (Reason::FrameMissing, "a frame that the skill needs is missing or marked invalid"),
-    (Reason::FrameNotFinite, "a frame or an obstacle holds a number that is not finite"),
+    (
+        Reason::FrameNotFinite,
+        "a frame or an obstacle holds a number that is not finite, or far too large",
+    ),
     (Reason::QuaternionNotUnit, "a frame's quaternion is not of unit length"),
     (
         Reason::ObstacleUnknown,

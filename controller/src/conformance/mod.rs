@@ -65,10 +65,10 @@ impl<const N: usize> Kit<'_, N> {
         let Recording { states, frames } = &recording;
         States { config: self.config, chain: self.chain, states }.judge(&mut table);
         scene::judge(&mut table, self.config, frames, &self.needed);
-        if !self.moves {
-            table.skip_rest("a motion: --move");
-        } else if table.failed() > 0 {
+        if table.failed() > 0 {
             table.skip_rest("nothing is moved where a check has failed");
+        } else if !self.moves {
+            table.skip_rest("a motion: --move");
         } else {
             let stop = match stop_flag() {
                 Ok(stop) => stop,

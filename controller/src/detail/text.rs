@@ -3,8 +3,8 @@
 use core::fmt::Write;
 
 use tprmp_messages::{
-    FRAME_CAPACITY, FRAME_SOURCES_MAX, NAME_CAPACITY, OBSTACLE_CAPACITY, joint_names_hash,
-    name_str, source_text,
+    FRAME_CAPACITY, FRAME_SOURCES_MAX, NAME_CAPACITY, NUMBER_MAX, OBSTACLE_CAPACITY,
+    joint_names_hash, name_str, source_text,
 };
 
 use crate::detail::seen::{About, Detail};
@@ -12,6 +12,8 @@ use crate::detail::shared::Snapshot;
 
 /// An age below this is latency, above it another clock \[ns\].
 const LATENCY_MAX_NS: f64 = 2e9;
+/// Frames are older than this where their source stopped long ago, or has another clock \[ns\].
+const FRAMES_GONE_NS: f64 = 1e10;
 /// Stamps of simulated clocks begin near zero \[ns\].
 const SIMULATED_MAX_NS: f64 = 3.6e12;
 /// CLOCK_REALTIME counts from 1970: later than this \[ns\].
@@ -93,7 +95,9 @@ fn within(value: f64, least: f64, most: f64) -> bool {
 }
 
 fn not_finite(what: &str, field: &str, seen: f64) -> String {
-    format!("{what}: {field} is {seen}, expected a number: likely a reading that failed")
+    let expected =
+        if seen.is_finite() { format!("at most {NUMBER_MAX:e}") } else { "a number".to_owned() };
+    format!("{what}: {field} is {seen:e}, expected {expected}: likely a reading that failed")
 }
 
 fn message_text(snapshot: &Snapshot) -> Option<String> {
@@ -210,12 +214,16 @@ fn clock(stamp_ns: f64, now_ns: f64, most_ns: f64) -> String {
 /// What is about several sources, or about when one was heard.
 fn source_of_frames_text(snapshot: &Snapshot) -> Option<String> {
     let detail = &snapshot.detail;
-    let Detail { about, seen, expected: [most, _], .. } = *detail;
+    let Detail { about, seen, expected: [most, stamp_ns], .. } = *detail;
     let frame = name(&detail.name);
     let [one, other] = [0, 1].map(|i| source_text(&detail.sources[i]));
     let what =
         if frame.is_empty() { "the newest obstacles".into() } else { format!("frame `{frame}`") };
     Some(match about {
+        // So old nothing is that was ever fresh on this clock, or the source has long gone: the stamp tells.
+        About::FrameAge if !(0.0..FRAMES_GONE_NS).contains(&seen) => {
+            format!("{what}{}: {}", of_source(detail), clock(stamp_ns, stamp_ns + seen, most))
+        }
         About::FrameAge => format!(
             "{what}{} {} {:.1} ms old, at most {:.1} ms is permitted: likely its source has stopped, or was \
              held up",
@@ -296,11 +304,12 @@ fn missing(snapshot: &Snapshot, frame: &str) -> String {
         [] => "none".to_owned(),
         names => names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", "),
     };
-    let mut text = format!(
-        "frame `{frame}` is not published; needed {}, found {}",
-        list(&snapshot.needed),
-        list(&snapshot.found)
-    );
+    let mut text = format!("frame `{frame}` is not published");
+    // What was seen at that time is not kept of a reason that has passed.
+    if !snapshot.needed.is_empty() {
+        let [needed, found] = [&snapshot.needed, &snapshot.found].map(|names| list(names));
+        let _ = write!(text, "; needed {needed}, found {found}");
+    }
     let alike = snapshot.found.iter().find(|found| found.eq_ignore_ascii_case(frame));
     if let Some(alike) = alike {
         let _ = write!(text, ": `{alike}` differs by its case only");
@@ -390,6 +399,15 @@ mod tests {
             (
                 said(detail(About::FrameAge, 5.32e8).named(&object)),
                 "frame `object` of source `camera` is 532.0 ms old, at most 100.0 ms",
+            ),
+            (
+                explain(&snapshot(Detail {
+                    expected: [1e8, 1.79e18],
+                    ..detail(About::FrameAge, 1e13 - 1.79e18).named(&object)
+                }))
+                .unwrap(),
+                "frame `object` of source `camera`: `time_ns` is 1790000000000000000, 1789990000.000 s ahead of now \
+                 (10000000000000): this is CLOCK_REALTIME",
             ),
             (said(detail(About::FrameAge, 5e8)), "obstacles of source `camera` are 500.0 ms old"),
             (

@@ -14,16 +14,46 @@ const DURATION_NS: u64 = 40_000_000;
 const MOVED_MIN: f64 = 0.005;
 /// States that have to be alike, at least.
 const ALIKE_MIN: u32 = 3;
+/// Or torques should have made it faster by so much \[rad/s or m/s\] …
+const GAINED_MIN: f64 = 0.05;
+/// … within so long or longer \[s\], where it is commanded to be faster than this \[rad/s or m/s\].
+const GAINED_S: f64 = 0.02;
+const GAINED_COMMANDED_MIN: f64 = 0.001;
 /// A robot that braked by itself may obey again: it is tried once, after standing still for so long \[ns\].
 const RETRY_NS: u64 = 500_000_000;
+
+/// What the robot was asked for last.
+#[derive(Debug, Clone, Copy)]
+pub struct Asked<'a, const N: usize> {
+    /// Positions \[rad or m\].
+    pub position: &'a [f64],
+    /// Velocities \[rad/s or m/s\].
+    pub velocity: &'a [f64],
+    /// Accelerations that torques were to cause and that were not measured \[rad/s² or m/s²\]; zero where the robot
+    /// does not obey torques.
+    pub missing: SVector<f64, N>,
+}
 
 /// What is known of a joint.
 #[derive(Debug, Clone, Copy, Default)]
 struct Watched {
     /// States that said the same, after the first.
     alike: u32,
+    /// For how long it has been commanded to move since the position changed \[s\], and by how much faster it should
+    /// have become by torques \[rad/s or m/s\].
+    driven: Option<(f64, f64)>,
     /// Since when the joint is commanded to move \[ns\], and from where \[rad or m\].
     commanded: Option<(u64, f64)>,
+}
+
+impl Watched {
+    fn drive<const N: usize>(&mut self, i: usize, asked: Option<Asked<'_, N>>, elapsed_s: f64) {
+        let moves = |asked: &Asked<'_, N>| asked.velocity[i].abs() >= GAINED_COMMANDED_MIN;
+        self.driven = asked.filter(moves).map(|asked| {
+            let (for_s, gained) = self.driven.unwrap_or_default();
+            (for_s + elapsed_s, gained + asked.missing[i] * elapsed_s)
+        });
+    }
 }
 
 /// Watches the position of each of N joints.
@@ -34,6 +64,8 @@ pub struct FrozenPositions<const N: usize> {
     last: Option<(SVector<f64, N>, u64)>,
     joints: [Watched; N],
     found: Option<Detail>,
+    /// Whether all joints stood still then, and the robot may have braked by itself.
+    all_stood: bool,
     at_rest_since_ns: Option<u64>,
     retried: bool,
 }
@@ -47,6 +79,7 @@ impl<const N: usize> FrozenPositions<N> {
             last: None,
             joints: [Watched::default(); N],
             found: None,
+            all_stood: false,
             at_rest_since_ns: None,
             retried: false,
         }
@@ -57,15 +90,15 @@ impl<const N: usize> FrozenPositions<N> {
         *self = Self { duration_ns: self.duration_ns, ..Self::new(0.0) };
     }
 
-    /// What was found: until the joint's position changes, or for one more try until the arm was commanded to rest
-    /// for half a second.
+    /// What was found: until the joint's position changes, or, where no joint moved, for one more try until the arm
+    /// was commanded to rest for half a second.
     #[must_use]
     pub fn found(&self) -> Option<&Detail> {
         self.found.as_ref()
     }
 
-    /// Updates with positions \[rad or m\] that were measured at a time \[ns\], and the positions and velocities that
-    /// were commanded last, where the robot obeys.
+    /// Updates with positions \[rad or m\] that were measured at a time \[ns\], and what was asked for last, where the
+    /// robot obeys.
     ///
     /// # Errors
     /// [`Reason::PositionsFrozen`].
@@ -73,12 +106,14 @@ impl<const N: usize> FrozenPositions<N> {
         &mut self,
         measured: &SVector<f64, N>,
         time_ns: u64,
-        commanded: Option<(&[f64], &[f64])>,
+        asked: Option<Asked<'_, N>>,
     ) -> Result<(), Reason> {
         if let Some((last, last_ns)) = self.last {
+            let elapsed_s = time_ns.saturating_sub(last_ns) as f64 * 1e-9;
             for (i, joint) in self.joints.iter_mut().enumerate() {
                 if last[i] == measured[i] {
                     joint.alike = joint.alike.saturating_add(u32::from(last_ns != time_ns));
+                    joint.drive(i, asked, elapsed_s);
                     continue;
                 }
                 *joint = Watched::default();
@@ -88,7 +123,7 @@ impl<const N: usize> FrozenPositions<N> {
             }
         }
         self.last = Some((*measured, time_ns));
-        self.found = self.judge(measured, time_ns, commanded);
+        self.found = self.judge(measured, time_ns, asked);
         self.found.map_or(Ok(()), |found| Err(found.reason))
     }
 
@@ -96,13 +131,13 @@ impl<const N: usize> FrozenPositions<N> {
         &mut self,
         measured: &SVector<f64, N>,
         time_ns: u64,
-        commanded: Option<(&[f64], &[f64])>,
+        asked: Option<Asked<'_, N>>,
     ) -> Option<Detail> {
-        let speed = |i: usize| commanded.map_or(0.0, |(_, velocity)| velocity[i].abs());
-        if (0..N).all(|i| speed(i) < COMMANDED_MIN) {
+        let speed = |i: usize| asked.map_or(0.0, |asked| asked.velocity[i].abs());
+        if (0..N).all(|i| speed(i) < GAINED_COMMANDED_MIN) {
             self.joints.iter_mut().for_each(|joint| joint.commanded = None);
             let since_ns = *self.at_rest_since_ns.get_or_insert(time_ns);
-            if !self.retried && time_ns.saturating_sub(since_ns) >= RETRY_NS {
+            if self.all_stood && !self.retried && time_ns.saturating_sub(since_ns) >= RETRY_NS {
                 self.retried = self.found.take().is_some();
             }
             return self.found;
@@ -111,18 +146,26 @@ impl<const N: usize> FrozenPositions<N> {
         if self.found.is_some() {
             return self.found;
         }
-        let (position, _) = commanded?;
+        let position = asked?.position;
         for (i, joint) in self.joints.iter_mut().enumerate() {
+            let gained = joint
+                .driven
+                .is_some_and(|(for_s, gained)| for_s >= GAINED_S && gained.abs() >= GAINED_MIN);
             if speed(i) < COMMANDED_MIN {
                 joint.commanded = None;
-                continue;
+            } else {
+                joint.commanded.get_or_insert((time_ns, position[i]));
             }
-            let (since_ns, from) = *joint.commanded.get_or_insert((time_ns, position[i]));
-            let elapsed_ns = time_ns.saturating_sub(since_ns);
-            let moved = (position[i] - from).abs();
-            if joint.alike >= ALIKE_MIN && elapsed_ns >= self.duration_ns && moved >= MOVED_MIN {
-                let expected = [position[i], elapsed_ns as f64 * 1e-9];
+            let stands = joint.commanded.is_some_and(|(since_ns, from)| {
+                let lasts = time_ns.saturating_sub(since_ns) >= self.duration_ns;
+                lasts && (position[i] - from).abs() >= MOVED_MIN
+            });
+            if joint.alike >= ALIKE_MIN && (stands || gained) {
+                let commanded_s = |(since_ns, _)| time_ns.saturating_sub(since_ns) as f64 * 1e-9;
+                let for_s = joint.commanded.map(commanded_s).or(joint.driven.map(|(s, _)| s));
+                let expected = [position[i], for_s.unwrap_or(0.0)];
                 let reason = Reason::PositionsFrozen;
+                self.all_stood = self.joints.iter().all(|joint| joint.alike >= ALIKE_MIN);
                 return Some(Detail::new(reason, About::Frozen, measured[i], expected).at(i));
             }
         }
@@ -137,6 +180,13 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
+    fn asked<'a, const N: usize>(
+        position: &'a [f64; N],
+        velocity: &'a [f64; N],
+    ) -> Option<Asked<'a, N>> {
+        Some(Asked { position, velocity, missing: SVector::zeros() })
+    }
+
     /// When it is found that an arm that is commanded to move at 0.5 rad/s does not \[ms\].
     fn found_ms(measured: impl Fn(u64) -> f64, period_ms: u64) -> Option<u64> {
         let mut frozen = FrozenPositions::<2>::new(0.0);
@@ -144,7 +194,7 @@ mod tests {
             let commanded = [[0.0, 0.5e-3 * k as f64], [0.0, 0.5]];
             let at = k / period_ms * period_ms;
             let position = Vector2::new(0.3, measured(at));
-            let commanded = Some((&commanded[0][..], &commanded[1][..]));
+            let commanded = asked(&commanded[0], &commanded[1]);
             frozen.update(&position, at * MS, commanded).is_err()
         })
     }
@@ -164,7 +214,7 @@ mod tests {
         let mut update = |k: u64| {
             let commanded = [1e-3 * k as f64, 1e-3 * k as f64];
             let measured = Vector2::new(0.9e-3 * k as f64, 0.2);
-            let result = frozen.update(&measured, k * MS, Some((&commanded, &[1.0, 1.0])));
+            let result = frozen.update(&measured, k * MS, asked(&commanded, &[1.0, 1.0]));
             result.err().and(frozen.found().map(|found| (k, found.index)))
         };
         assert_eq!((0..100).find_map(&mut update), Some((40, 1)));
@@ -175,7 +225,7 @@ mod tests {
         let mut frozen = FrozenPositions::<1>::new(0.1);
         let at = nalgebra::Vector1::new(0.2);
         let mut is_found =
-            |k: u64| frozen.update(&at, k * MS, Some((&[1e-3 * k as f64], &[1.0]))).is_err();
+            |k: u64| frozen.update(&at, k * MS, asked(&[1e-3 * k as f64], &[1.0])).is_err();
         assert_eq!((0..400).find(|&k| is_found(k)), Some(140));
     }
 
@@ -186,7 +236,7 @@ mod tests {
         // Commanded to move for 100 ms, and then to rest for 600 ms.
         let attempt = |frozen: &mut FrozenPositions<2>, at: &Vector2<f64>, begun_ms: u64| {
             let mut update = |k: u64, position: [f64; 2], velocity: [f64; 2]| {
-                frozen.update(at, (begun_ms + k) * MS, Some((&position, &velocity)))
+                frozen.update(at, (begun_ms + k) * MS, asked(&position, &velocity))
             };
             let moved = (0..100).map(|k| update(k, [0.3, 0.2 + 1e-3 * k as f64], [0.0, 1.0]));
             let moved = moved.last().unwrap();
@@ -202,5 +252,33 @@ mod tests {
         assert_eq!(attempt(&mut frozen, &elsewhere, 3000), (found, found, found));
         frozen.forget();
         assert_eq!(attempt(&mut frozen, &elsewhere, 4000), (found, found, Ok(())));
+    }
+
+    #[test]
+    fn a_torque_that_moves_nothing_is_found_however_slow_the_motion() {
+        let found_ms = |missing: f64, speed: f64| {
+            let mut frozen = FrozenPositions::<2>::new(0.0);
+            (0..500_u64).find(|&k| {
+                let position = Vector2::new(1e-6 * k as f64, 0.2 + 1e-6 * k.min(100) as f64);
+                let missing = Vector2::new(0.0, if k > 100 { missing } else { 0.0 });
+                let asked = Asked { position: &[0.0; 2], velocity: &[0.0, speed], missing };
+                frozen.update(&position, k * MS, Some(asked)).is_err()
+            })
+        };
+        assert_eq!(found_ms(10.0, 0.005), Some(120));
+        assert_eq!(found_ms(1.0, 0.005), Some(150));
+        assert_eq!(found_ms(0.1, 0.005), None, "a load that is learned");
+        assert_eq!(found_ms(10.0, 0.0), None, "held where it rests");
+    }
+
+    #[test]
+    fn one_dead_joint_beside_others_that_moved_is_not_tried_again() {
+        let mut frozen = FrozenPositions::<2>::new(0.0);
+        let mut update = |k: u64, speed: f64| {
+            let measured = Vector2::new(0.9e-3 * k.min(100) as f64, 0.2);
+            frozen.update(&measured, k * MS, asked(&[1e-3 * k as f64; 2], &[speed; 2]))
+        };
+        assert!((0..100).any(|k| update(k, 1.0).is_err()));
+        assert!((101..2000).all(|k| update(k, 0.0).is_err()));
     }
 }

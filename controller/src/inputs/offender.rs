@@ -3,7 +3,7 @@
 use tprmp_messages::{
     FRAME_CAPACITY, FRAME_DISTANCE_MAX_M, FRAME_SOURCES_MAX, Frame, NAME_CAPACITY,
     OBSTACLE_CAPACITY, Obstacle, ObstacleKind, PublishedFrames, Reason, RobotState, TaskFrames,
-    quaternion_length,
+    is_usable, quaternion_length,
 };
 
 use crate::detail::{About, Detail};
@@ -120,8 +120,9 @@ fn too_many(published: &PublishedFrames<'_>, reason: Reason) -> Option<Detail> {
 /// A frame, or the obstacles of a source, that are too old; where nothing is, whatever is newest.
 fn stale(published: &PublishedFrames<'_>, needed: &[[u8; NAME_CAPACITY]]) -> Option<Detail> {
     let (name, message) = published.stale(needed)?;
-    let numbers = (published.age_ns(message) as f64, [published.age_max_ns() as f64, 0.0]);
-    let detail = Detail::new(Reason::FramesStale, About::FrameAge, numbers.0, numbers.1);
+    let expected = [published.age_max_ns() as f64, message.time_ns as f64];
+    let age_ns = published.now_ns() as f64 - message.time_ns as f64;
+    let detail = Detail::new(Reason::FramesStale, About::FrameAge, age_ns, expected);
     Some(detail.named(&name.unwrap_or_default()).of_source(&message.source))
 }
 
@@ -174,7 +175,7 @@ fn of_frame(frame: &Frame, reason: Reason) -> Detail {
                 &frame.angular_velocity,
             ];
             let bad = |(index, values): (usize, &[f64])| {
-                Some((index, *values.iter().find(|value| !value.is_finite())?))
+                Some((index, *values.iter().find(|value| !is_usable(**value))?))
             };
             let (index, seen) = fields.into_iter().enumerate().find_map(bad).unwrap_or_default();
             number(About::FrameNotFinite, seen, 0.0).at(index)
@@ -202,7 +203,7 @@ fn of_obstacle(obstacle: &Obstacle, reason: Reason) -> Detail {
             let motion = [obstacle.position, obstacle.linear_velocity, obstacle.angular_velocity];
             let mut numbers =
                 motion.as_flattened().iter().chain(&obstacle.quaternion).chain(&obstacle.size);
-            let seen = numbers.find(|value| !value.is_finite()).copied().unwrap_or(f64::NAN);
+            let seen = numbers.find(|value| !is_usable(**value)).copied().unwrap_or(f64::NAN);
             number(About::ObstacleNotFinite, seen, 0.0)
         }
     }

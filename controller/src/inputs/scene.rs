@@ -344,7 +344,9 @@ mod tests {
     #[test]
     fn every_defect_has_its_reason_and_changes_nothing() {
         type Edit = fn(&mut TaskFrames);
-        let cases: [(Edit, Reason); 19] = [
+        let cases: [(Edit, Reason); 21] = [
+            (|m| m.obstacles[0].position[0] = 1e200, Reason::FrameNotFinite),
+            (|m| m.frames[1].linear_velocity[0] = -1e200, Reason::FrameNotFinite),
             (|m| m.obstacles[0].valid = 255, Reason::ObstacleUnknown),
             (|m| m.frames[1].valid = 0, Reason::FrameMissing),
             (|m| m.frames[1].position[0] = 512.0, Reason::FrameFar),

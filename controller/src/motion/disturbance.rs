@@ -73,6 +73,12 @@ impl<const N: usize> DisturbanceObserver<N> {
         *self = Self::new(self.settings);
     }
 
+    /// The disturbance \[rad/s² or m/s²\].
+    #[must_use]
+    pub fn estimate(&self) -> &SVector<f64, N> {
+        &self.estimate
+    }
+
     /// The disturbance \[rad/s² or m/s²\] and the time between the states that show it \[s\], once for each
     /// state that can be believed.
     pub fn take_fresh(&mut self) -> Option<(SVector<f64, N>, f64)> {

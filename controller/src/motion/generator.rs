@@ -3,7 +3,7 @@
 
 use nalgebra::SVector;
 use tprmp_messages::{CommandMode, JointCommand, Reason};
-use tprmp_model::controller_config::{ControllerConfig, Impedance, PointLimits, Stop};
+use tprmp_model::controller_config::{Actuators, ControllerConfig, Impedance, PointLimits, Stop};
 use tprmp_robot::Chain;
 
 use crate::inputs::estimator::JointState;
@@ -101,6 +101,7 @@ pub struct MotionGenerator<const N: usize> {
     load: Option<LoadObserver<N>>,
     /// Of a servo with a lag.
     servo: Option<ServoModel<N>>,
+    obeys_torques: bool,
 }
 
 impl<const N: usize> MotionGenerator<N> {
@@ -125,6 +126,7 @@ impl<const N: usize> MotionGenerator<N> {
             caution: Caution::new(config.robot.point_limits),
             load: config.disturbance.and_then(|settings| settings.load).map(LoadObserver::new),
             servo: ServoModel::new(config.robot.actuators.lag_s()),
+            obeys_torques: matches!(config.robot.actuators, Actuators::Torque(_)),
         }
     }
 
@@ -151,6 +153,20 @@ impl<const N: usize> MotionGenerator<N> {
         if let Some(disturbance) = &mut self.disturbance {
             disturbance.observe(&state.velocity, time_ns);
         }
+    }
+
+    /// Accelerations that the torques were to cause and that were not measured \[rad/s² or m/s²\]; zero of an arm
+    /// that does not obey torques.
+    #[must_use]
+    pub fn missing_acceleration(&self) -> SVector<f64, N> {
+        let disturbance = self.disturbance.as_ref().filter(|_| self.obeys_torques);
+        disturbance.map_or_else(SVector::zeros, |disturbance| -disturbance.estimate())
+    }
+
+    /// The states were wrong: the robot brakes on its own, and what was learned of a load is forgotten.
+    pub fn was_misled(&mut self) {
+        self.load = self.load.map(|load| load.forgotten());
+        self.robot_brakes();
     }
 
     /// The arm as it will be when it has come to where it is told to be: after the lag of its servo.

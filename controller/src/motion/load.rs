@@ -37,6 +37,12 @@ impl<const N: usize> LoadObserver<N> {
         Self { settings, torque: SVector::zeros() }
     }
 
+    /// The same, with no load known.
+    #[must_use]
+    pub fn forgotten(self) -> Self {
+        Self::new(self.settings)
+    }
+
     /// What cancels the load \[N m or N\].
     #[must_use]
     pub fn torque(&self) -> &SVector<f64, N> {

@@ -33,6 +33,7 @@ mod projection;
 mod quantile;
 mod text;
 mod ticks;
+mod turntable;
 
 pub use canvas::Canvas;
 pub use colour::{
@@ -45,3 +46,4 @@ pub use projection::{Bounds, Ellipsoid, PLANE, SPACE, View, principal_axes};
 pub use quantile::quantile;
 pub use text::{escape, number};
 pub use ticks::decades;
+pub use turntable::{Body, Turntable};

@@ -2,6 +2,7 @@
 
 use crate::colour::INK;
 use crate::text::escape;
+use crate::turntable::Turntable;
 
 /// Style sheet of every page.
 const STYLE: &str = "
@@ -139,6 +140,11 @@ impl Page {
         if !figures.is_empty() {
             self.element("div", "pictures", &format!("\n{figures}"));
         }
+    }
+
+    /// Bodies that the viewer turns.
+    pub fn turntable(&mut self, turntable: &Turntable) {
+        self.element("div", "pictures", &format!("\n{}", turntable.html()));
     }
 
     /// The HTML document, which is well-formed XML too.

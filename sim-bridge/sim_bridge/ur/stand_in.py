@@ -67,6 +67,8 @@ def stand_in(options: Options) -> int:
     if len(options.home_rad) != JOINTS or not all(map(math.isfinite, options.home_rad)):
         raise BridgeError(f"--home-rad: expected {JOINTS} numbers, found {options.home_rad}")
     arm = Arm(RATES_HZ[options.series], options.home_rad)
+    if options.seals is None and options.scene is not None:
+        raise BridgeError("--scene is read for --seals alone: give both, or none")
     if options.seals is not None:
         if options.scene is None:
             raise BridgeError("--seals needs --scene: where the frame is stands in it")

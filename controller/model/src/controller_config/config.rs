@@ -45,6 +45,8 @@ pub struct Robot {
     /// which must not be meshes then.
     #[serde(deserialize_with = "Option::deserialize")]
     pub control_points: Option<Vec<ControlPoint>>,
+    /// Links that have collision shapes and no control points, and are not kept clear on purpose.
+    pub not_kept_clear: Vec<String>,
     /// Gravity in the base frame \[m/s²\].
     pub gravity_m_s2: [f64; 3],
     /// What the robot makes of a command.

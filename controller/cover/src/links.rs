@@ -1,0 +1,188 @@
+//! The collision shapes of a URDF's links, as triangles and spheres in the links' frames.
+
+use std::path::Path;
+
+use glam::{DAffine3, DMat3, DVec3};
+use tprmp_robot::Selection;
+use urdf_rs::{Geometry, Joint, JointType, Pose, Robot};
+
+use crate::error::CoverError;
+use crate::mesh::{self, MeshFault, Triangle};
+use crate::packages::Packages;
+use crate::primitives;
+use crate::spheres::Sphere;
+use crate::{MissingMesh, primitives::EXCESS};
+
+/// Largest URDF \[bytes\].
+const URDF_BYTES_MAX: u64 = 4 << 20;
+
+/// What has to be covered of a link.
+#[derive(Debug, Default)]
+pub(crate) struct LinkShapes {
+    pub(crate) link: String,
+    pub(crate) meshes: usize,
+    pub(crate) primitives: usize,
+    pub(crate) missing: Vec<MissingMesh>,
+    pub(crate) triangles: Vec<Triangle>,
+    /// Balls, which cover themselves.
+    pub(crate) spheres: Vec<Sphere>,
+    /// The triangles of round primitives lie outside them by so much at most \[m\].
+    pub(crate) excess: f64,
+}
+
+/// A robot description as it was read.
+pub(crate) struct Description {
+    pub(crate) robot: Robot,
+}
+
+impl Description {
+    pub(crate) fn read(file: &Path) -> Result<Self, CoverError> {
+        let not_readable = |text: String| CoverError::Urdf { file: file.to_owned(), text };
+        let text = tprmp_files::read_text(file, URDF_BYTES_MAX)
+            .map_err(|error| not_readable(error.to_string()))?;
+        let robot = urdf_rs::read_from_string(&text)
+            .map_err(|error| not_readable(tprmp_files::shortened(&error.to_string())))?;
+        Ok(Self { robot })
+    }
+
+    /// The links that move, in the order of the file: those with a joint between them and the base that is
+    /// movable and not held.
+    pub(crate) fn moving_links(
+        &self,
+        file: &Path,
+        selection: Option<&Selection>,
+    ) -> Result<Vec<&str>, CoverError> {
+        let links = &self.robot.links;
+        let (base, tool) =
+            (base(selection), selection.map(|selection| selection.tool_link.as_str()));
+        for name in base.into_iter().chain(tool) {
+            if links.iter().all(|link| link.name != name) {
+                let found = links.iter().map(|link| link.name.clone()).collect();
+                return Err(CoverError::UnknownLink {
+                    file: file.to_owned(),
+                    link: name.to_owned(),
+                    found,
+                });
+            }
+        }
+        let held = selection.map(|selection| &selection.held_joints);
+        // With a tool the joints beside the path to it stand still.
+        let on_path = tool.and_then(|tool| self.above(tool, base));
+        let moves = |joint: &&Joint| {
+            joint.joint_type != JointType::Fixed
+                && !held.is_some_and(|held| held.contains_key(&joint.name))
+                && on_path
+                    .as_ref()
+                    .is_none_or(|path| path.iter().any(|other| other.name == joint.name))
+        };
+        let names = links.iter().map(|link| link.name.as_str());
+        Ok(names
+            .filter(|link| self.above(link, base).is_some_and(|path| path.iter().any(moves)))
+            .collect())
+    }
+
+    /// The joints from a link up to the base; `None` when the base is not above it, or the joints go round.
+    fn above<'a>(&'a self, link: &'a str, base: Option<&str>) -> Option<Vec<&'a Joint>> {
+        let (mut path, mut at) = (Vec::new(), link);
+        while Some(at) != base {
+            match self.robot.joints.iter().find(|joint| joint.child.link == at) {
+                Some(joint) if path.len() < self.robot.joints.len() => {
+                    path.push(joint);
+                    at = &joint.parent.link;
+                }
+                None if base.is_none() => break,
+                _ => return None,
+            }
+        }
+        Some(path)
+    }
+
+    /// Where a link is in the base, all joints in the middle of their ranges.
+    pub(crate) fn placement(&self, link: &str, selection: Option<&Selection>) -> DAffine3 {
+        let path = self.above(link, base(selection)).unwrap_or_default();
+        path.iter().rev().fold(DAffine3::IDENTITY, |place, joint| {
+            let middle = 0.5 * (joint.limit.lower + joint.limit.upper);
+            let axis = DVec3::from_array(joint.axis.xyz.0).normalize_or(DVec3::Z);
+            let motion = match joint.joint_type {
+                _ if !middle.is_finite() => DAffine3::IDENTITY,
+                JointType::Revolute => DAffine3::from_axis_angle(axis, middle),
+                JointType::Prismatic => DAffine3::from_translation(axis * middle),
+                _ => DAffine3::IDENTITY,
+            };
+            place * placement(&joint.origin) * motion
+        })
+    }
+
+    /// The collision shapes of a link.
+    pub(crate) fn shapes(&self, file: &Path, link: &str, packages: &Packages) -> LinkShapes {
+        let mut shapes = LinkShapes { link: link.to_owned(), ..LinkShapes::default() };
+        let folder = file.parent().unwrap_or(Path::new(""));
+        let collisions = self
+            .robot
+            .links
+            .iter()
+            .filter(|other| other.name == link)
+            .flat_map(|link| &link.collision);
+        for collision in collisions {
+            let placement = placement(&collision.origin);
+            let mut add = |triangles: Vec<Triangle>, radius: f64| {
+                let moved = triangles
+                    .iter()
+                    .map(|triangle| triangle.map(|corner| placement.transform_point3(corner)));
+                shapes.triangles.extend(moved);
+                shapes.excess = shapes.excess.max(radius * EXCESS);
+            };
+            match &collision.geometry {
+                Geometry::Box { size } => add(primitives::cuboid(DVec3::from_array(size.0)), 0.0),
+                Geometry::Cylinder { radius, length } => {
+                    add(primitives::cylinder(*radius, *length), *radius)
+                }
+                Geometry::Capsule { radius, length } => {
+                    add(primitives::capsule(*radius, *length), *radius)
+                }
+                Geometry::Sphere { radius } => {
+                    shapes.spheres.push(Sphere { centre: placement.translation, radius: *radius });
+                }
+                Geometry::Mesh { filename, scale } => {
+                    shapes.meshes += 1;
+                    let scale =
+                        scale.as_ref().map_or(DVec3::ONE, |scale| DVec3::from_array(scale.0));
+                    let placed = placement * DAffine3::from_scale(scale);
+                    match load(packages, folder, filename, &placed) {
+                        Ok(triangles) => shapes.triangles.extend(triangles),
+                        Err(fault) => {
+                            shapes.missing.push(MissingMesh { filename: filename.clone(), fault })
+                        }
+                    }
+                    continue;
+                }
+            }
+            shapes.primitives += 1;
+        }
+        shapes
+    }
+}
+
+fn load(
+    packages: &Packages,
+    folder: &Path,
+    name: &str,
+    placed: &DAffine3,
+) -> Result<Vec<Triangle>, MeshFault> {
+    let triangles = mesh::load(&packages.resolve(folder, name)?)?;
+    let triangles =
+        triangles.iter().map(|triangle| triangle.map(|corner| placed.transform_point3(corner)));
+    mesh::checked(triangles.collect())
+}
+
+fn base(selection: Option<&Selection>) -> Option<&str> {
+    selection.and_then(|selection| selection.base_link.as_deref())
+}
+
+/// The placement of an `<origin>`: rotation about x (roll), then y (pitch), then z (yaw) of the parent.
+fn placement(origin: &Pose) -> DAffine3 {
+    let [roll, pitch, yaw] = origin.rpy.0;
+    let rotation =
+        DMat3::from_rotation_z(yaw) * DMat3::from_rotation_y(pitch) * DMat3::from_rotation_x(roll);
+    DAffine3::from_mat3_translation(rotation, DVec3::from_array(origin.xyz.0))
+}

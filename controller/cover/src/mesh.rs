@@ -1,0 +1,143 @@
+//! Triangles of a mesh file: STL, OBJ and COLLADA, read within bounds.
+
+use std::io;
+use std::path::Path;
+
+use glam::DVec3;
+use mesh_loader::Scene;
+
+use crate::collada;
+
+/// Largest mesh file \[bytes\].
+const BYTES_MAX: u64 = 256 << 20;
+/// Most triangles of a link: the finest of vendors' meshes have some 200 000.
+pub(crate) const TRIANGLES_MAX: usize = 1_000_000;
+/// A link is smaller \[m\]: what is larger is in millimetres.
+const EXTENT_MAX_M: f64 = 10.0;
+
+/// A triangle, its corners in the frame of the mesh or of the link \[m\].
+pub(crate) type Triangle = [DVec3; 3];
+
+/// Why a mesh gives no shape.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MeshFault {
+    /// No file of this name in any place that was looked at.
+    #[error("not found; looked at {}; {}", listed(looked_at), remedy.as_str())]
+    NotFound {
+        /// Where it was looked for.
+        looked_at: Vec<String>,
+        /// What to do.
+        remedy: String,
+    },
+    /// Something is there, and it is no mesh that is read.
+    #[error("{0}")]
+    NotAMesh(String),
+    /// It has no triangles.
+    #[error("expected triangles, found none; export the mesh anew")]
+    Empty,
+    /// It is not in metres.
+    #[error(
+        "expected a link smaller than {EXTENT_MAX_M} m, found {found} m; a mesh in millimetres needs \
+         scale=\"0.001 0.001 0.001\" in its <mesh>"
+    )]
+    TooLarge {
+        /// Its longest side \[m\], rounded.
+        found: String,
+    },
+}
+
+fn listed(places: &[String]) -> String {
+    let quoted: Vec<_> = places.iter().map(|place| format!("`{place}`")).collect();
+    if quoted.is_empty() { "no place".into() } else { quoted.join(", ") }
+}
+
+/// The triangles of a mesh file, in its own frame \[m\]; of COLLADA with the file's unit, axis and placements.
+///
+/// # Errors
+///
+/// [`MeshFault`]: what the file is instead, with the line where there is one. [`Scaled sizes`](checked) are
+/// looked at later.
+pub(crate) fn load(path: &Path) -> Result<Vec<Triangle>, MeshFault> {
+    let no_mesh = |text: String| MeshFault::NotAMesh(tprmp_files::shortened(&text));
+    let bytes = tprmp_files::read(path, BYTES_MAX).map_err(|error| no_mesh(error.to_string()))?;
+    let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
+    if bytes.is_empty() {
+        return Err(no_mesh("expected a mesh, found an empty file".into()));
+    }
+    if bytes.starts_with(b"version https://git-lfs") {
+        let remedy =
+            "expected a mesh, found a pointer of Git LFS; run `git lfs pull` in its repository";
+        return Err(no_mesh(remedy.into()));
+    }
+    let triangles = match extension.as_ref().and_then(|extension| extension.to_str()) {
+        Some("stl") => of_scene(mesh_loader::stl::from_slice(&bytes)),
+        Some("obj") => {
+            // Materials are not needed.
+            let nothing = |_: &Path| io::Result::<Vec<u8>>::Err(io::ErrorKind::NotFound.into());
+            of_scene(mesh_loader::obj::from_slice(&bytes, None, nothing))
+        }
+        Some("dae") => collada::triangles(&bytes),
+        other => Err(format!(
+            "expected a file ending in .stl, .obj or .dae, found `{}`",
+            other.unwrap_or("")
+        )),
+    };
+    let triangles = triangles.map_err(no_mesh)?;
+    if triangles.is_empty() {
+        return Err(MeshFault::Empty);
+    }
+    Ok(triangles)
+}
+
+/// Looks at the size of a mesh in its link's frame.
+///
+/// # Errors
+///
+/// [`MeshFault`]: a corner that is not finite, too many triangles, or a link larger than any.
+pub(crate) fn checked(triangles: Vec<Triangle>) -> Result<Vec<Triangle>, MeshFault> {
+    if triangles.len() > TRIANGLES_MAX {
+        let found = triangles.len();
+        let text =
+            format!("expected at most {TRIANGLES_MAX} triangles, found {found}; simplify the mesh");
+        return Err(MeshFault::NotAMesh(text));
+    }
+    let corners = || triangles.iter().flatten();
+    if !corners().all(|corner| corner.is_finite()) {
+        return Err(MeshFault::NotAMesh(
+            "expected finite coordinates, found one that is not".into(),
+        ));
+    }
+    let (low, high) = ends(corners().copied());
+    let extent = (high - low).max_element();
+    if extent > EXTENT_MAX_M {
+        return Err(MeshFault::TooLarge { found: format!("{extent:.1}") });
+    }
+    if extent <= 0.0 {
+        return Err(MeshFault::Empty);
+    }
+    Ok(triangles)
+}
+
+/// Least and largest coordinates.
+pub(crate) fn ends(points: impl IntoIterator<Item = DVec3>) -> (DVec3, DVec3) {
+    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    points.into_iter().fold(none, |(low, high), point| (low.min(point), high.max(point)))
+}
+
+/// All triangles of a scene. Each mesh numbers its own vertices.
+fn of_scene(scene: io::Result<Scene>) -> Result<Vec<Triangle>, String> {
+    let mut triangles = Vec::new();
+    for mesh in scene.map_err(|error| error.to_string())?.meshes {
+        for face in &mesh.faces {
+            let corner = |index: u32| mesh.vertices.get(index as usize);
+            let [Some(a), Some(b), Some(c)] = face.map(corner) else {
+                return Err(format!(
+                    "expected one of {} vertices, found {face:?}",
+                    mesh.vertices.len()
+                ));
+            };
+            triangles.push([a, b, c].map(|&v| DVec3::from_array(v.map(f64::from))));
+        }
+    }
+    Ok(triangles)
+}
