@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use glam::{DMat3, DMat4, DVec3};
 use roxmltree::{Document, Node, ParsingOptions};
 
-use crate::mesh::{TRIANGLES_MAX, Triangle};
+use crate::triangle::{TRIANGLES_MAX, Triangle};
 
 /// Most elements and attributes of a file.
 const NODES_MAX: u32 = 2_000_000;
@@ -125,7 +125,7 @@ impl<'a> File<'a> {
             match child.tag_name().name() {
                 "node" => self.add_node(child, placement, depth + 1)?,
                 "instance_node" => {
-                    self.add_node(self.target(child, "url")?, placement, depth + 1)?
+                    self.add_node(self.target(child, "url")?, placement, depth + 1)?;
                 }
                 "instance_geometry" => self.add_geometry(self.target(child, "url")?, placement)?,
                 "instance_controller" => {

@@ -20,7 +20,7 @@ fn binary_stl(triangles: &[Triangle]) -> Vec<u8> {
     for triangle in triangles {
         bytes.extend([0_u8; 12]);
         bytes.extend(
-            triangle.iter().flat_map(|v| v.to_array()).flat_map(|x| (x as f32).to_le_bytes()),
+            triangle.iter().flat_map(DVec3::to_array).flat_map(|x| (x as f32).to_le_bytes()),
         );
         bytes.extend([0_u8; 2]);
     }
@@ -225,7 +225,7 @@ fn what_is_no_mesh_is_named_for_what_it_is() {
             &["line 4, <float_array>", "expected a number, found \"x0.125\""],
         ),
         ("a.dae", deep.as_bytes(), &["nested"]),
-        ("a.ply", b"ply\n", &["ending in .stl, .obj or .dae, found `ply`"]),
+        ("a.ply", b"ply\n", &["name with .stl, .obj or .dae, found `ply`"]),
     ] {
         let told = fault(name, content);
         for part in parts {
