@@ -48,7 +48,7 @@ fn listed(places: &[String]) -> String {
     if quoted.is_empty() { "no place".into() } else { quoted.join(", ") }
 }
 
-/// The triangles of a mesh file, in its own frame \[m\]; of COLLADA with the file's unit, axis and placements.
+/// The triangles of a mesh file, in its own frame \[m\]; of COLLADA with the file's unit and placements.
 ///
 /// # Errors
 ///
