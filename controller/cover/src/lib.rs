@@ -33,6 +33,7 @@ mod primitives;
 mod solid;
 mod spheres;
 mod text;
+mod triangle;
 
 use std::path::Path;
 

@@ -1,5 +1,6 @@
 //! Triangles of a mesh file: STL, OBJ and COLLADA, read within bounds.
 
+use std::ffi::OsStr;
 use std::io;
 use std::path::Path;
 
@@ -7,16 +8,12 @@ use glam::DVec3;
 use mesh_loader::Scene;
 
 use crate::collada;
+use crate::triangle::{TRIANGLES_MAX, Triangle, ends};
 
 /// Largest mesh file \[bytes\].
 const BYTES_MAX: u64 = 256 << 20;
-/// Most triangles of a link: the finest of vendors' meshes have some 200 000.
-pub(crate) const TRIANGLES_MAX: usize = 1_000_000;
 /// A link is smaller \[m\]: what is larger is in millimetres.
 const EXTENT_MAX_M: f64 = 10.0;
-
-/// A triangle, its corners in the frame of the mesh or of the link \[m\].
-pub(crate) type Triangle = [DVec3; 3];
 
 /// Why a mesh gives no shape.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -51,7 +48,7 @@ fn listed(places: &[String]) -> String {
     if quoted.is_empty() { "no place".into() } else { quoted.join(", ") }
 }
 
-/// The triangles of a mesh file, in its own frame \[m\]; of COLLADA with the file's unit, axis and placements.
+/// The triangles of a mesh file, in its own frame \[m\]; of COLLADA with the file's unit and placements.
 ///
 /// # Errors
 ///
@@ -60,7 +57,7 @@ fn listed(places: &[String]) -> String {
 pub(crate) fn load(path: &Path) -> Result<Vec<Triangle>, MeshFault> {
     let no_mesh = |text: String| MeshFault::NotAMesh(tprmp_files::shortened(&text));
     let bytes = tprmp_files::read(path, BYTES_MAX).map_err(|error| no_mesh(error.to_string()))?;
-    let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
+    let extension = path.extension().map(OsStr::to_ascii_lowercase);
     if bytes.is_empty() {
         return Err(no_mesh("expected a mesh, found an empty file".into()));
     }
@@ -78,7 +75,7 @@ pub(crate) fn load(path: &Path) -> Result<Vec<Triangle>, MeshFault> {
         }
         Some("dae") => collada::triangles(&bytes),
         other => Err(format!(
-            "expected a file ending in .stl, .obj or .dae, found `{}`",
+            "expected a file name with .stl, .obj or .dae, found `{}`",
             other.unwrap_or("")
         )),
     };
@@ -116,12 +113,6 @@ pub(crate) fn checked(triangles: Vec<Triangle>) -> Result<Vec<Triangle>, MeshFau
         return Err(MeshFault::Empty);
     }
     Ok(triangles)
-}
-
-/// Least and largest coordinates.
-pub(crate) fn ends(points: impl IntoIterator<Item = DVec3>) -> (DVec3, DVec3) {
-    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    points.into_iter().fold(none, |(low, high), point| (low.min(point), high.max(point)))
 }
 
 /// All triangles of a scene. Each mesh numbers its own vertices.
