@@ -17,7 +17,7 @@ impl LinkCover {
         !self.spheres.is_empty()
     }
 
-    /// Least and largest radius [mm], in words.
+    /// Least and largest radius \[mm\], in words.
     pub(crate) fn radii(&self) -> String {
         let radii = || self.spheres.iter().map(|sphere| sphere.radius * 1e3);
         let (least, most) = (radii().fold(f64::INFINITY, f64::min), radii().fold(0.0, f64::max));

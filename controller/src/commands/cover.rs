@@ -27,7 +27,7 @@ pub struct CoverLinks {
     /// the URDF are looked at too.
     #[arg(long, value_name = "NAME=FOLDER", value_parser = package)]
     package: Vec<(String, PathBuf)>,
-    /// Spheres may stick out of a link by so much [m].
+    /// Spheres may stick out of a link by so many metres.
     #[arg(long, value_name = "M", default_value_t = Options::default().protrusion_m)]
     protrusion: f64,
     /// So many spheres may the arm have; where they do not suffice, they stick out farther.
