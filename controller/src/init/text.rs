@@ -123,7 +123,7 @@ impl Sections {
         for (key, section) in common() {
             match key {
                 "robot" => {}
-                "approach" | "lift" if self.task.is_some() => {
+                "approach" | "lift" | "done" if self.task.is_some() => {
                     text +=
                         if key == "lift" { self.task.as_deref().unwrap_or_default() } else { "" };
                 }
