@@ -24,6 +24,7 @@
 //! ```
 
 mod collada;
+mod contact;
 mod error;
 mod links;
 mod mesh;
@@ -41,6 +42,7 @@ use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 use tprmp_robot::{CONTROL_POINT_CAPACITY, Selection};
 
+pub use contact::LinkMeshes;
 pub use error::CoverError;
 pub use mesh::MeshFault;
 pub use packages::Packages;

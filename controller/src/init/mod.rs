@@ -183,13 +183,26 @@ struct Chosen {
     working_range: Vec<Option<[f64; 2]>>,
     rates: limits::Rates,
     position_margin: f64,
+    smallest_range: f64,
     control_points: Vec<(String, glam::DVec3, f64)>,
     cover: Option<Cover>,
     grounded: Vec<pairs::Grounded>,
-    touching: Vec<(String, String, f64)>,
+    harmless: Vec<pairs::Harmless>,
     known: limits::Known,
     tool_axis: glam::DVec3,
     on_tool: Vec<String>,
+}
+
+impl Chosen {
+    fn self_activation_m(&self) -> f64 {
+        self_activation_m(self.cover.as_ref())
+    }
+}
+
+/// Spheres of the arm act on each other from here on \[m\]: so far that the shapes in them are 0.05 apart.
+fn self_activation_m(cover: Option<&Cover>) -> f64 {
+    let protrusion = cover.map_or(0.0, |cover| cover.protrusion_m);
+    ((0.05 - protrusion).clamp(0.02, 0.05) * 1e3).round() / 1e3
 }
 
 /// Writes a configuration for the arm of a URDF.
@@ -287,7 +300,11 @@ impl<'a> WithRobot for Plan<'a> {
         let middle = spread_posture(&ends[0], &ends[1], 7);
         let tool_axis = tool::approach_axis(&chain, &middle);
         let all = pairs::grounded(&chain, &points, &ends);
-        let exempt: Vec<_> = self.semantic.ignored.clone();
+        let mut exempt = self.semantic.ignored.clone();
+        let near_m = self_activation_m(cover.as_ref());
+        let look = pairs::Look { chain: &chain, points: &points, cover: cover.as_ref(), near_m };
+        let mut harmless = pairs::harmless(&look, &exempt, &ends);
+        exempt.extend(harmless.iter().map(|pair| pair.links.clone().into()));
         let watched = SelfPairs::new(&chain, &points, &exempt);
         let criteria = Criteria {
             chain: &chain,
@@ -302,10 +319,11 @@ impl<'a> WithRobot for Plan<'a> {
         let within = [0, 1].map(|end| {
             SVector::from_fn(|i, _| working_range[i].map_or(ends[end][i], |range| range[end]))
         });
+        harmless.extend(pairs::harmless(&look, &exempt, &within));
         let last = N - 1;
         let is_on_tool = |(_, joint): &&(String, usize)| *joint == last;
         let chosen = Chosen {
-            touching: pairs::touching(&chain, &points, &home, &within),
+            harmless,
             grounded: pairs::grounded_links(&chain, &points, &all),
             home: home.iter().copied().collect(),
             working_range: working_range.to_vec(),
@@ -317,6 +335,7 @@ impl<'a> WithRobot for Plan<'a> {
                 .collect(),
             rates,
             position_margin,
+            smallest_range: (within[1] - within[0]).min(),
             control_points,
             cover,
             known,

@@ -12,8 +12,8 @@ use tprmp_robot::{
 /// Postures that are tried, and how often the best one is bettered.
 const TRIED: usize = 4000;
 const REFINED: usize = 400;
-/// Spheres keep so far apart, and above the ground \[m\].
-const CLEARANCE_M: f64 = 0.03;
+/// Spheres keep so far apart, and above the ground: beyond where they act on each other \[m\].
+const CLEARANCE_M: f64 = 0.06;
 /// The manipulability may fall to this fraction of that at home.
 const SINGULAR_FRACTION: f64 = 0.08;
 /// Steps in which a joint is swept \[rad or m\].

@@ -104,6 +104,10 @@ pub(super) struct Sections {
     pub collision: String,
     /// Further keys of `self_collision`.
     pub self_collision: String,
+    /// A line of the base's `self_collision`, and what stands in its place.
+    pub(super) self_activation: (String, String),
+    /// A line of the base's `joint_limits`, and what stands in its place.
+    pub(super) limit_activation: (String, String),
     /// `approach` and `lift`, whole; those of the base where they are kept.
     pub task: Option<String>,
 }
@@ -128,7 +132,14 @@ impl Sections {
                         if key == "lift" { self.task.as_deref().unwrap_or_default() } else { "" };
                 }
                 "collision" => text += &with_keys(section, &self.collision),
-                "self_collision" => text += &with_keys(section, &self.self_collision),
+                "self_collision" => {
+                    let (from, to) = &self.self_activation;
+                    text += &with_keys(section, &self.self_collision).replacen(from, to, 1);
+                }
+                "joint_limits" => {
+                    let (from, to) = &self.limit_activation;
+                    text += &section.replacen(from, to, 1);
+                }
                 _ => text += section,
             }
         }

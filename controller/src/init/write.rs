@@ -2,7 +2,7 @@
 
 use tprmp_robot::LimitOverride;
 
-use crate::init::text::{Sections, Text, numbers, tuple};
+use crate::init::text::{Sections, Text, numbers, rounded, tuple};
 use crate::init::{Chosen, Commands, Note, Plan, Task, tool};
 
 /// The whole configuration, as text.
@@ -22,6 +22,8 @@ pub(super) fn configuration(plan: &mut Plan<'_>, chosen: &Chosen) -> String {
         posture: posture(plan, chosen),
         collision: collision(plan, chosen),
         self_collision: self_collision(plan, chosen),
+        self_activation: self_activation(chosen),
+        limit_activation: limit_activation(chosen),
         task: match plan.options.task {
             Task::Pick => None,
             Task::Reach => Some(reach()),
@@ -253,7 +255,7 @@ fn posture(plan: &Plan<'_>, chosen: &Chosen) -> String {
     ));
     let lines = [
         format!("position: {home}"),
-        "inertia: 0.001".into(),
+        "inertia: 0.0003".into(),
         "stiffness_1_s2: 4.0".into(),
         "damping_1_s: 4.0".into(),
         "saturation: 0.5".into(),
@@ -283,35 +285,48 @@ fn collision(plan: &Plan<'_>, chosen: &Chosen) -> String {
         }
     }
     let mut text = Text::new(2);
-    text.comment("What is low in all of 1000 postures stands on the ground; the tool reaches down to what lies there.");
+    text.comment("What is low in all of 400 postures stands on the ground; the tool reaches down to what lies there.");
     text.list("exempt", ["[", "]"], &lines);
     text.finish()
 }
 
 fn self_collision(plan: &Plan<'_>, chosen: &Chosen) -> String {
-    let mut lines: Vec<_> = chosen
-        .touching
-        .iter()
-        .map(|(a, b, fraction)| {
-            format!("({}, {}), // {:.0} %", quoted(a), quoted(b), 100.0 * fraction)
-        })
-        .collect();
-    let named = &plan.semantic.ignored;
-    lines.extend(
-        named.iter().map(|(a, b)| format!("({}, {}), // of the file", quoted(a), quoted(b))),
-    );
+    let pair = |a: &str, b: &str, why: &str| format!("/* {why} */ ({}, {})", quoted(a), quoted(b));
+    let harmless = chosen.harmless.iter();
+    let mut lines: Vec<_> =
+        harmless.map(|found| pair(&found.links[0], &found.links[1], &found.reason)).collect();
+    lines.extend(plan.semantic.ignored.iter().map(|(a, b)| pair(a, b, "of the file")));
     let mut text = Text::new(2);
-    text.comment("Pairs whose spheres touch in the posture, or in 30 % of the working range, though the links may not; and those that a file names.");
-    // The comment stands behind the comma.
-    let lines: Vec<_> = lines
-        .iter()
-        .map(|line| match line.split_once("), // ") {
-            Some((pair, why)) => format!("/* {why} */ {pair})"),
-            None => line.clone(),
-        })
-        .collect();
+    text.comment(
+        "Pairs that are near each other, by their spheres, in 20 or more of 400 postures within the working range, and whose shapes touch in none; and those that a file names.",
+    );
     text.list("exempt", ["[", "]"], &lines);
     text.finish()
+}
+
+/// The activation distance between spheres of the arm: by as much less as they stick out.
+fn self_activation(chosen: &Chosen) -> (String, String) {
+    let line = "activation_distance_m: 0.05,";
+    let distance = chosen.self_activation_m();
+    (
+        line.into(),
+        format!(
+            "// Less than 0.05 by as much as the spheres stick out, and 0.02 at least.\n            activation_distance_m: {distance:?},"
+        ),
+    )
+}
+
+/// The distance from a joint's limits at which they act: a quarter of the smallest range at most.
+fn limit_activation(chosen: &Chosen) -> (String, String) {
+    let line = "activation_distance: 0.2,";
+    let least = chosen.smallest_range.min(0.8);
+    let distance = rounded(0.25 * least);
+    (
+        line.into(),
+        format!(
+            "// A quarter of the smallest range, 0.2 at most.\n        activation_distance: {distance:?},"
+        ),
+    )
 }
 
 fn reach() -> String {

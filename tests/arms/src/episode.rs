@@ -89,7 +89,9 @@ impl<const N: usize> Episode<'_, N> {
         let _ = rustix::process::kill_process(id, rustix::process::Signal::TERM);
         let said = controller.wait_with_output().map_err(|error| error.to_string())?;
         let mut outcome = outcome?;
-        outcome.said = String::from_utf8_lossy(&said.stderr).lines().last().unwrap_or("").into();
+        let said = String::from_utf8_lossy(&said.stderr);
+        let before = said.lines().rev().find(|line| !line.contains("stopped"));
+        outcome.said = before.unwrap_or_default().into();
         Ok(outcome)
     }
 

@@ -34,8 +34,8 @@ const TABLE_M: f64 = -0.02;
 /// The ball beside the path: its radius, how far its middle is from the middle of the straight line, and from
 /// the goal \[m\].
 const BALL_M: f64 = 0.04;
-const BESIDE_M: f64 = 0.12;
-const FROM_GOAL_M: f64 = 0.22;
+const BESIDE_M: f64 = 0.15;
+const FROM_GOAL_M: f64 = 0.35;
 
 /// Lets arms follow a skill, each configured from its URDF alone.
 ///
@@ -232,9 +232,10 @@ impl WithRobot for Work<'_> {
     }
 }
 
-/// The middle of a ball beside the straight line from the start to the goal \[m\].
+/// The middle of a ball beside the straight line from the start to the goal, farther out than that from the base \[m\].
 fn beside(start: DVec3, goal: DVec3) -> DVec3 {
-    let along = goal - start;
+    let (along, middle) = (goal - start, 0.5 * (start + goal));
     let far_m = (FROM_GOAL_M.powi(2) - 0.25 * along.length_squared()).max(0.0).sqrt();
-    0.5 * (start + goal) + along.cross(DVec3::Z).normalize_or(DVec3::X) * far_m.max(BESIDE_M)
+    let aside = along.cross(DVec3::Z).normalize_or(DVec3::X) * far_m.max(BESIDE_M);
+    middle + aside * middle.dot(aside).signum()
 }

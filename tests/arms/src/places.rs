@@ -20,8 +20,9 @@ const YAWS: [f64; 5] = [0.35, -0.35, 0.0, 1.57, -1.57];
 /// The tool comes from this far above \[m\].
 const ABOVE_M: f64 = 0.08;
 const STEPS_MAX: usize = 300;
-/// Spheres are so far apart there, and above the table \[m\].
-const CLEARANCE_M: f64 = 0.035;
+/// Spheres are so far apart there, and so far above the table \[m\].
+const APART_M: f64 = 0.03;
+const CLEARANCE_M: f64 = 0.05;
 
 /// What a place is looked for with.
 pub(crate) struct Search<'a, const N: usize> {
@@ -103,9 +104,8 @@ impl<const N: usize> Search<'_, N> {
             let [a, b] = [i, j].map(|i| point_position(at, points[i].joint, points[i].centre));
             a.distance(b) - points[i].radius - points[j].radius
         };
-        let is_apart = |pair: &(usize, usize)| {
-            apart(&here, pair) > CLEARANCE_M || apart(&home, pair) < CLEARANCE_M
-        };
+        let is_apart =
+            |pair: &(usize, usize)| apart(&here, pair) > APART_M || apart(&home, pair) < APART_M;
         let is_above = |point: &ControlPoint| {
             height(&here, point) > CLEARANCE_M || height(&home, point) < CLEARANCE_M
         };
