@@ -199,10 +199,10 @@ impl Chosen {
     }
 }
 
-/// Spheres of the arm act on each other from here on \[m\]: so far that the shapes in them are 0.05 apart.
+/// Spheres of the arm act on each other from here on \[m\]: where both stick out, the shapes in them are 0.05 apart.
 fn self_activation_m(cover: Option<&Cover>) -> f64 {
     let protrusion = cover.map_or(0.0, |cover| cover.protrusion_m);
-    ((0.05 - protrusion).clamp(0.02, 0.05) * 1e3).round() / 1e3
+    ((0.05 - 2.0 * protrusion).clamp(0.01, 0.05) * 1e3).round() / 1e3
 }
 
 /// Writes a configuration for the arm of a URDF.

@@ -311,7 +311,7 @@ fn self_activation(chosen: &Chosen) -> (String, String) {
     (
         line.into(),
         format!(
-            "// Less than 0.05 by as much as the spheres stick out, and 0.02 at least.\n            activation_distance_m: {distance:?},"
+            "// Less than 0.05 by as much as two spheres stick out, and 0.01 at least.\n            activation_distance_m: {distance:?},"
         ),
     )
 }
