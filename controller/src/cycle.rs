@@ -336,7 +336,7 @@ impl<const N: usize> Cycle<N> {
                 let position = state.position.as_slice();
                 Detail::beyond(reason, position, lower.as_slice(), upper.as_slice())
             }
-            (Reason::QuaternionOrder, ..) => self.detail,
+            (Reason::QuaternionOrder | Reason::StartElsewhere, ..) => self.detail,
             _ => self.inbox.detail(reason, now_ns),
         }
     }
@@ -351,7 +351,7 @@ impl<const N: usize> Cycle<N> {
         self.detail = detail;
         self.telemetry.note(&detail);
         let Inbox { scene, .. } = &self.inbox;
-        self.shared.detail.write(&detail, scene.names(), self.inbox.found_frames());
+        self.shared.detail.write(&detail, scene.needed(), self.inbox.found_frames());
     }
 
     /// The state from which the policy may be followed, or why it may not.
@@ -412,10 +412,17 @@ impl<const N: usize> Cycle<N> {
             }
             external.advance(now_ns, dt);
         }
-        let parameters = parameters(&self.inbox, dt);
         // Where the arm will be, at the time at which the frames are seen.
         let ahead = self.motion.ahead(state);
         let (q, qd) = (&ahead.position, &ahead.velocity);
+        if self.inbox.awaits_start() {
+            let tool = self.policy.tool_pose(q, &mut self.workspace);
+            if let Err(detail) = self.inbox.start_at(&tool, now_ns) {
+                self.note(detail);
+                return Err(detail.reason);
+            }
+        }
+        let parameters = parameters(&self.inbox, dt);
         let decision = self
             .policy
             .evaluate(q, qd, &self.task.task(), &parameters, &mut self.workspace)

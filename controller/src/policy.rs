@@ -11,7 +11,10 @@ use tprmp_rmpflow::leaves::{
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::policy::{SkillPolicy, SpeedGovernor};
 use tprmp_rmpflow::tree::{Resolved, Tree, TreeState};
-use tprmp_robot::{Chain, ControlPoints, Kinematics, SelfPairs, forward_kinematics_with_velocity};
+use tprmp_robot::{
+    Chain, ControlPoints, Kinematics, SelfPairs, forward_kinematics,
+    forward_kinematics_with_velocity,
+};
 use tprmp_spatial::{MovingPose, PointMotion, Pose, Twist};
 
 use crate::arm::{Arm, PointPlaces, part_pairs};
@@ -189,6 +192,12 @@ impl<const N: usize> RobotPolicy<N> {
     #[must_use]
     pub fn chain(&self) -> &Chain<N> {
         &self.arm.chain
+    }
+
+    /// Where the tool is at these joint positions, N \[rad or m\]; the workspace's kinematics are overwritten.
+    pub fn tool_pose(&self, q: &SVector<f64, N>, workspace: &mut Workspace<N>) -> Pose {
+        forward_kinematics(&self.arm.chain, q, &mut workspace.kinematics);
+        workspace.kinematics.tool_pose()
     }
 
     /// What bounds the velocities that the first skill asks for.

@@ -7,7 +7,7 @@ use tprmp_messages::{
     ControllerPorts, FRAME_CAPACITY, Instance, NAME_CAPACITY, Reason, ServiceError, name_bytes,
 };
 use tprmp_model::controller_config::{
-    self, ConfigError, ControlPoint, ControllerConfig, Robot, Supervision,
+    self, ConfigError, ControlPoint, ControllerConfig, Robot, StartFrame, Supervision,
 };
 use tprmp_model::skill_model::{self, ModelError, SkillModel};
 use tprmp_rmpflow::policy::SkillPolicy;
@@ -113,6 +113,19 @@ impl LoadedSkill {
     #[must_use]
     pub fn frame_count(&self) -> usize {
         self.modes.iter().map(SkillPolicy::frame_count).max().unwrap_or(0)
+    }
+
+    /// The frames that its modes need, and whether each of them is where the tool is when the skill starts.
+    pub fn frames(
+        &self,
+        start_frame: StartFrame,
+    ) -> impl Iterator<Item = ([u8; NAME_CAPACITY], bool)> {
+        let Self { model, .. } = self;
+        let own_start = start_frame == StartFrame::Tool && model.start_frame != model.goal_frame;
+        model.frames.iter().take(self.frame_count()).map(move |frame| {
+            let name = name_bytes(&frame.name).expect("checked by `load`");
+            (name, own_start && frame.name == model.start_frame)
+        })
     }
 }
 
@@ -425,15 +438,12 @@ pub fn replacement<const N: usize>(
     let Loaded { config, skills } = loaded;
     let (chain, points) = robot::<N>(config_path, config)?;
     let policy = RobotPolicy::new(chain, loaded.policies(), &points, config);
-    let frame_name = |name: &str| name_bytes(name).expect("checked by `load`");
-    let names = skills.iter().flat_map(|skill| {
-        let frames = skill.model.frames.iter().take(skill.frame_count());
-        frames.map(|frame| frame_name(&frame.name))
-    });
+    let frames = skills.iter().flat_map(|skill| skill.frames(config.start_frame));
+    let (names, at_tool) = frames.unzip();
     let task = &skills[0].model;
     let goal_frame = usize::from(task.goal_frame != task.start_frame);
     let ahead_s = config.robot.actuators.lag_s();
-    let scene = Scene::new(names.collect(), goal_frame).seen_ahead(ahead_s);
+    let scene = Scene::new(names, goal_frame).starting_at_tool(at_tool).seen_ahead(ahead_s);
     Ok(Replacement { workspace: policy.workspace(), policy, scene })
 }
 

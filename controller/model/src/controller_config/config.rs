@@ -136,6 +136,15 @@ pub struct Loop {
     pub status_every_ticks: u32,
 }
 
+/// Where a skill's start frame comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub enum StartFrame {
+    /// It is published like all others.
+    Published,
+    /// It is the tool's own pose when the skill starts, and stays there.
+    Tool,
+}
+
 /// How the velocities of frames become accelerations.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -226,6 +235,8 @@ pub struct ControllerConfig {
     /// The loop.
     #[serde(rename = "loop")]
     pub cycle: Loop,
+    /// Where the start frames of the skills come from.
+    pub start_frame: StartFrame,
     /// Accelerations of frames.
     pub frame_observer: FrameObserver,
     /// The leaf of the skill that is the task.
