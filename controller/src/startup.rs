@@ -17,6 +17,7 @@ use crate::control::requests::Setting;
 use crate::control::server::{Replacement, Shared};
 use crate::control::supervisor::{can_latch, named};
 use crate::cycle::Cycle;
+use crate::freedom::Freedom;
 use crate::inputs::scene::Scene;
 use crate::motion::limits::working_range;
 use crate::policy::RobotPolicy;
@@ -102,6 +103,8 @@ impl StartError {
 /// A skill as it was learned, and in the form in which it is evaluated.
 #[derive(Debug)]
 pub struct LoadedSkill {
+    /// Its file.
+    pub path: PathBuf,
     /// The model.
     pub model: SkillModel,
     /// The policies of its modes, the first one's first.
@@ -213,7 +216,8 @@ pub fn load_skills(
         }
     }
     let joints = config.robot.joints.len();
-    let dimension = skills.iter().map(|skill| skill.model.manifold.dimension()).max().unwrap_or(0);
+    let dimension =
+        skills.iter().map(|skill| skill.model.manifold.moved().len()).max().unwrap_or(0);
     if dimension < joints && config.joint_damping.inertia <= 0.0 {
         let expected = format!(
             "a number above zero, since the robot has {joints} joints and the skill decides about only \
@@ -249,14 +253,6 @@ fn load_skill(
             format!("`{}`", config.robot.tool_link),
         ));
     }
-    let joints = config.robot.joints.len();
-    if model.manifold.dimension() > joints {
-        return Err(mismatch(
-            "manifold",
-            format!("{} of dimension {}", model.manifold, model.manifold.dimension()),
-            format!("{joints} joints"),
-        ));
-    }
     for name in model.frames.iter().map(|frame| &frame.name) {
         if name_bytes(name).is_err() {
             return Err(mismatch(
@@ -274,7 +270,7 @@ fn load_skill(
         skill_model::verify(mode, &policy, model_path)?;
         modes.push(policy);
     }
-    Ok(LoadedSkill { model, modes })
+    Ok(LoadedSkill { path: model_path.into(), model, modes })
 }
 
 /// The robot of a configuration.
@@ -437,6 +433,7 @@ pub fn replacement<const N: usize>(
 ) -> Result<Replacement<N>, StartError> {
     let Loaded { config, skills } = loaded;
     let (chain, points) = robot::<N>(config_path, config)?;
+    check_freedom(config_path, &chain, loaded)?;
     let policy = RobotPolicy::new(chain, loaded.policies(), &points, config);
     let frames = skills.iter().flat_map(|skill| skill.frames(config.start_frame));
     let (names, at_tool) = frames.unzip();
@@ -445,6 +442,27 @@ pub fn replacement<const N: usize>(
     let ahead_s = config.robot.actuators.lag_s();
     let scene = Scene::new(names, goal_frame).starting_at_tool(at_tool).seen_ahead(ahead_s);
     Ok(Replacement { workspace: policy.workspace(), policy, scene })
+}
+
+/// Checks that the arm can do the skills.
+///
+/// # Errors
+/// [`StartError::Mismatch`] of the first one for which its joints do not suffice, with what they suffice for.
+pub fn check_freedom<const N: usize>(
+    config_path: &Path,
+    chain: &Chain<N>,
+    loaded: &Loaded,
+) -> Result<(), StartError> {
+    let freedom = Freedom::of(chain, &working_range(chain, &loaded.config.robot));
+    let beyond = |skill: &&LoadedSkill| !freedom.can_do(skill.model.manifold);
+    let Some(skill) = loaded.skills.iter().find(beyond) else { return Ok(()) };
+    Err(StartError::Mismatch {
+        model: skill.path.clone(),
+        key: "manifold",
+        found: skill.model.manifold.to_string(),
+        config: config_path.into(),
+        expected: format!("an arm that cannot do it: {freedom}"),
+    })
 }
 
 /// Builds the loop. The services are opened last: a controller that cannot run shows up nowhere.

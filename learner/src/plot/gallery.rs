@@ -281,7 +281,7 @@ impl<'a> Gallery<'a> {
         let slices = match manifold {
             Manifold::R2 => "",
             Manifold::R3 => "; slices through the goal, paths projected onto them",
-            Manifold::R3S3 => {
+            Manifold::R3S1 | Manifold::S3 | Manifold::R3S3 => {
                 "; slices through the goal with the tool rotated as there, paths projected onto them"
             }
         };

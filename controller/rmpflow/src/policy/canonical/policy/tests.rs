@@ -51,6 +51,7 @@ fn skill() -> CanonicalPolicy {
         map: FrameMap::new(&anchors, goal, true).unwrap(),
         position: PositionField::Space(Box::new(position)),
         orientation: Some(Box::new(orientation)),
+        restriction: None,
         cycle: None,
     }
 }
