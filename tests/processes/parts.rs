@@ -13,6 +13,7 @@ use tprmp_messages::{
     CommandMode, Frame, GripperState, Instance, JointCommand, Reason, RobotState, TaskFrames,
 };
 use tprmp_model::controller_config::{ControllerConfig, StartFrame};
+use tprmp_rmpflow::leaves::KeepUpright;
 use tprmp_robot::{Chain, Kinematics, forward_kinematics};
 use tprmp_spatial::Pose;
 
@@ -111,6 +112,39 @@ fn a_scara_sets_down_on_places_that_are_turned_by_up_to_120_degrees() {
         let angle = end.orientation.angle_between(down(yaw)).to_degrees();
         assert!(distance < 1e-3 && angle < 0.2, "{degrees}°: {distance} m, {angle}°");
     }
+}
+
+#[test]
+fn an_arm_of_six_joints_keeps_the_tool_upright_where_the_skill_leaves_its_tilt() {
+    let place = Place::new("upright");
+    let model = on_manifold(&place, "R3xS1", "suction_tip");
+    let config = "config/controllers/ur5_pick.ron";
+    let edit = |config: &mut ControllerConfig| {
+        config.start_frame = StartFrame::Tool;
+        (config.lift, config.approach) = (None, None);
+        config.keep_upright = Some(KeepUpright {
+            tool_axis: DVec3::Z,
+            base_axis: DVec3::NEG_Z,
+            angular_inertia_kg_m2: 0.5,
+            stiffness_1_s2: 30.0,
+            damping_1_s: 10.0,
+        });
+    };
+    let yaw = f64::to_radians(70.0);
+    let object =
+        Pose { position: DVec3::new(0.45, -0.2, 0.2), orientation: DQuat::from_rotation_z(yaw) };
+    // The tool begins tilted by 20°.
+    let home = [-2.74, -1.57, 1.57, -1.22, -1.57, 0.4];
+    let [begin, end] = follow((config, model.as_str()), edit, home, &object, 10.0);
+    let tilt = |pose: &Pose| (pose.orientation * DVec3::Z).angle_between(DVec3::NEG_Z).to_degrees();
+    assert!(tilt(&begin) > 15.0 && tilt(&end) < 0.2, "{}° {}°", tilt(&begin), tilt(&end));
+    let distance = (end.position - object.position).length();
+    let angle = end.orientation.angle_between(down(yaw)).to_degrees();
+    assert!(distance < 1e-3 && angle < 0.3, "{distance} m, {angle}°");
+
+    let output = run(program("controller").args(["check", &file(config), "--model", &model]));
+    let said = text(&output);
+    assert!(output.status.success() && said.contains("`keep_upright` keeps it"), "{said}");
 }
 
 /// The model of the shipped demonstrations of `place`, of a tool on another manifold.

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use tprmp_messages::free_shared_memory_bytes;
 use tprmp_model::controller_config::{self, Capability, ControllerConfig, RealTime};
-use tprmp_model::skill_model::{FrameMixture, PolicyModel, SkillModel};
+use tprmp_model::skill_model::{FrameMixture, Manifold, PolicyModel, SkillModel};
 use tprmp_robot::{Chain, ControlPoints, Document, Ignored, SelfPairs, remarks};
 
 use crate::freedom::Freedom;
 use crate::motion::limits::working_range;
-use crate::startup::{self, Loaded, StartError, WithRobot};
+use crate::startup::{self, Loaded, LoadedSkill, StartError, WithRobot};
 use crate::timing::realtime;
 
 /// Checks the files, which is an error when they are wrong, and the machine, which is a list of
@@ -155,7 +155,21 @@ impl WithRobot for Fits<'_> {
     fn call<const N: usize>(self) -> Result<(), StartError> {
         let Self { config_path, loaded, document } = self;
         let (chain, _) = startup::robot_of::<N>(config_path, &loaded.config, document)?;
-        startup::check_freedom(config_path, &chain, loaded)
+        startup::check_freedom(config_path, &chain, loaded)?;
+        let range = working_range(&chain, &loaded.config.robot);
+        let leaves_tilt = |skill: &&LoadedSkill| skill.model.manifold == Manifold::R3S1;
+        let tilts = Freedom::of(&chain, &range).rank(&[3, 4]) > 0;
+        if tilts
+            && loaded.config.keep_upright.is_none()
+            && let Some(skill) = loaded.skills.iter().find(leaves_tilt)
+        {
+            let text = format!(
+                "`{}` leaves the tilt of the tool alone, which this arm can change: `keep_upright` keeps it",
+                skill.path.display()
+            );
+            line("warn", "tool", &text);
+        }
+        Ok(())
     }
 }
 

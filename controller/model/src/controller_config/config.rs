@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::Deserialize;
-use tprmp_rmpflow::leaves::{ApproachFunnel, Barrier, JointDamping, PoseAttractor, SpeedBarrier};
+use tprmp_rmpflow::leaves::{
+    ApproachFunnel, Barrier, JointDamping, KeepUpright, PoseAttractor, SpeedBarrier,
+};
 use tprmp_robot::{Interface, LimitOverride, Selection};
 
 use crate::controller_config::check::Check;
@@ -246,6 +248,9 @@ pub struct ControllerConfig {
     /// Pulls the tool to the goal of the task beside the skills; `None` leaves that to them.
     #[serde(deserialize_with = "Option::deserialize")]
     pub goal_attractor: Option<PoseAttractor>,
+    /// Keeps an axis of the tool along one of the base; `None` leaves it to the skills.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub keep_upright: Option<KeepUpright>,
     /// Joint damping.
     pub joint_damping: JointDamping,
     /// Position limits of the joints as a leaf; `None` leaves them to the final limits alone.
@@ -332,6 +337,9 @@ impl ControllerConfig {
         }
         if let Some(attractor) = &self.goal_attractor {
             check.leaf("goal_attractor", |report| attractor.check(report));
+        }
+        if let Some(upright) = &self.keep_upright {
+            check.leaf("keep_upright", |report| upright.check(report));
         }
         check.leaf("joint_damping", |report| self.joint_damping.check(report));
         if let Some(barrier) = &self.joint_limits {
