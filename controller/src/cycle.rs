@@ -341,17 +341,18 @@ impl<const N: usize> Cycle<N> {
         }
     }
 
-    /// Keeps a detail for other threads. One with nothing to add replaces none of the same reason: what it was
+    /// Keeps a detail for other threads, and gives its reason. One with nothing to add replaces none of the same reason: what it was
     /// about may have passed, while the arm still comes to rest.
-    fn note(&mut self, detail: Detail) {
+    fn note(&mut self, detail: Detail) -> Reason {
         let same = detail.reason == self.detail.reason;
         if same && (detail.about == About::Nothing || self.supervisor.check_fault().is_err()) {
-            return;
+            return detail.reason;
         }
         self.detail = detail;
         self.telemetry.note(&detail);
         let Inbox { scene, .. } = &self.inbox;
         self.shared.detail.write(&detail, scene.needed(), self.inbox.found_frames());
+        detail.reason
     }
 
     /// The state from which the policy may be followed, or why it may not.
@@ -417,10 +418,7 @@ impl<const N: usize> Cycle<N> {
         let (q, qd) = (&ahead.position, &ahead.velocity);
         if self.inbox.awaits_start() {
             let tool = self.policy.tool_pose(q, &mut self.workspace);
-            if let Err(detail) = self.inbox.start_at(&tool, now_ns) {
-                self.note(detail);
-                return Err(detail.reason);
-            }
+            self.inbox.start_at(&tool, now_ns).map_err(|detail| self.note(detail))?;
         }
         let parameters = parameters(&self.inbox, dt);
         let decision = self
@@ -430,8 +428,7 @@ impl<const N: usize> Cycle<N> {
         if self.motion.is_holding()
             && let Some(detail) = self.inbox.order_of_start(&decision.tool)
         {
-            self.note(detail);
-            return Err(detail.reason);
+            return Err(self.note(detail));
         }
         let chain = self.policy.chain();
         let setpoint = {

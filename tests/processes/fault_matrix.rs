@@ -475,22 +475,16 @@ fn a_start_frame_in_another_order_is_found_before_any_motion() {
 
 /// The commands of two seconds of a motion, and a hold in it, with start frames published or not.
 fn commands(arm: &mut Arm, spoil: Option<Apply>) -> Vec<[f64; 8]> {
-    let command = |_| {
+    let command = |step| {
+        match step {
+            1000 => arm.shared.requests.hold(),
+            1200 => arm.shared.requests.start(),
+            _ => {}
+        }
         arm.step(spoil);
         arm.command.position
     };
-    let mut commands: Vec<_> = (0..1000).map(command).collect();
-    arm.shared.requests.hold();
-    commands.extend((0..200).map(|_| {
-        arm.step(spoil);
-        arm.command.position
-    }));
-    arm.shared.requests.start();
-    commands.extend((0..500).map(|_| {
-        arm.step(spoil);
-        arm.command.position
-    }));
-    commands
+    (0..1700).map(command).collect()
 }
 
 #[test]

@@ -10,7 +10,8 @@ use tprmp_controller::control::server::Shared;
 use tprmp_controller::startup;
 use tprmp_controller::timing::pacing::Pacing;
 use tprmp_messages::{
-    CommandMode, Frame, GripperState, Instance, JointCommand, Reason, RobotState, TaskFrames,
+    CommandMode, ControllerStatus, Frame, GripperState, Instance, JointCommand, LifeCycle, Reason,
+    RobotState, TaskFrames,
 };
 use tprmp_model::controller_config::{ControllerConfig, StartFrame};
 use tprmp_rmpflow::leaves::KeepUpright;
@@ -61,7 +62,7 @@ fn follow<const N: usize>(
         ..Default::default()
     };
     state.position[..N].copy_from_slice(&start);
-    let mut command = JointCommand::default();
+    let (mut command, mut status) = (JointCommand::default(), ControllerStatus::default());
     let steps = (seconds * 1e9) as u64 / STEP_NS;
     for step in 1..=steps {
         if command.sequence > 0 && command.mode != CommandMode::Stop.to_wire() {
@@ -77,10 +78,14 @@ fn follow<const N: usize>(
             assert!(begun.elapsed() < PATIENCE, "no answer from the controller");
             std::thread::yield_now();
         }
+        while let Some(newest) = ports.status.receive() {
+            status = *newest;
+        }
         let reason = Reason::from_wire(command.reason).unwrap();
         let expected = [Reason::None, Reason::StateUnconfirmed, Reason::FrameMissing];
         assert!(expected.contains(&reason) || reason == Reason::Unreachable, "{step}: {reason:?}");
     }
+    assert_eq!(LifeCycle::from_wire(status.life_cycle), Some(LifeCycle::Done), "{status:?}");
     stop.store(true, Ordering::Relaxed);
     while !controller.is_finished() {
         state.sequence += 1;
@@ -169,6 +174,12 @@ fn a_skill_on_orientations_alone_turns_the_tool_wherever_it_is() {
         config.start_frame = StartFrame::Tool;
         (config.lift, config.approach) = (None, None);
     };
+    let (pictures, folder) = (place.path("pictures"), file("config/demonstrations/place"));
+    let arguments = ["plot", &model, "--demonstrations", &folder, "--out", &pictures];
+    let output = run(program("learner").args(arguments));
+    assert!(output.status.success(), "{}", text(&output));
+    let drawn = std::fs::read_to_string(place.folder.join("pictures/orientation.svg")).unwrap();
+    assert!(drawn.contains("<path") || drawn.contains("<polyline"));
     let home = [-2.74, -1.57, 1.57, -1.57, -1.57, 0.4];
     for yaw in [-1.2, 0.8] {
         // As far from the tool as no arm reaches: where it is does not matter.
