@@ -11,6 +11,7 @@ pub mod control;
 pub mod cycle;
 pub mod detail;
 pub mod freedom;
+pub mod init;
 pub mod inputs;
 pub mod motion;
 pub mod outbox;

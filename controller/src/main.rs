@@ -9,6 +9,7 @@ use tprmp_controller::commands::conformance::Conformance;
 use tprmp_controller::commands::cover::CoverLinks;
 use tprmp_controller::commands::ctl::Ctl;
 use tprmp_controller::commands::frames::Frames;
+use tprmp_controller::commands::init::Init;
 use tprmp_controller::commands::layout::Layout;
 use tprmp_controller::commands::run::Run;
 use tprmp_controller::commands::soak::Soak;
@@ -34,6 +35,10 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Write a whole configuration for the arm of a URDF, each number with the reason for it.
+    ///
+    /// What the description lacks is a default, and is told: look at it before the arm moves.
+    Init(Box<Init>),
     /// Run a skill: waits for robot state and task frames, then publishes joint commands.
     Run(Run),
     /// Check configuration, robot and model, and what this machine lacks for real time.
@@ -86,6 +91,7 @@ enum Command {
 fn main() -> ExitCode {
     tprmp_files::report_panics("controller", env!("CARGO_PKG_VERSION"));
     match Arguments::parse().command {
+        Command::Init(init) => exit(init.run()),
         Command::Run(run) => exit(run.run()),
         Command::Check { config, model } => exit(check::check(&config, &model)),
         Command::Cover(cover) => exit(cover.run()),

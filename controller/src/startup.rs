@@ -246,11 +246,14 @@ fn load_skill(
         config: config_path.into(),
         expected,
     };
-    if model.tool_frame != config.robot.tool_link {
+    if model.tool_frame != config.robot.tool_frame() {
         return Err(mismatch(
             "tool_frame",
             format!("the tool frame `{}`", model.tool_frame),
-            format!("`{}`", config.robot.tool_link),
+            format!(
+                "`{}`; where the URDF has no link for that tool, `robot.tool_offset` says where it is",
+                config.robot.tool_frame()
+            ),
         ));
     }
     for name in model.frames.iter().map(|frame| &frame.name) {
@@ -411,16 +414,22 @@ pub fn with_robot_of<W: WithRobot>(
     work: W,
 ) -> Result<W::Output, StartError> {
     let count = document.count_joints(&config.selection())?;
-    match count {
-        2 => Ok(work.call::<2>()),
-        3 => Ok(work.call::<3>()),
-        4 => Ok(work.call::<4>()),
-        5 => Ok(work.call::<5>()),
-        6 => Ok(work.call::<6>()),
-        7 => Ok(work.call::<7>()),
-        8 => Ok(work.call::<8>()),
-        _ => Err(joints_error(config_path, &config.robot, format!("{count} joints"))),
-    }
+    with_joints(count, work)
+        .ok_or_else(|| joints_error(config_path, &config.robot, format!("{count} joints")))
+}
+
+/// Calls `work` with a number of joints; `None` where it is out of range.
+pub fn with_joints<W: WithRobot>(count: usize, work: W) -> Option<W::Output> {
+    Some(match count {
+        2 => work.call::<2>(),
+        3 => work.call::<3>(),
+        4 => work.call::<4>(),
+        5 => work.call::<5>(),
+        6 => work.call::<6>(),
+        7 => work.call::<7>(),
+        8 => work.call::<8>(),
+        _ => return None,
+    })
 }
 
 /// Builds the policy of skills on a robot, with all that belongs to it.

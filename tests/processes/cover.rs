@@ -33,7 +33,7 @@ fn spheres_around_meshes_are_control_points_of_a_configuration() {
     let output = cover(&arguments);
     let said = text(&output);
     assert_eq!(output.status.code(), Some(0), "{said}");
-    assert!(said.contains("lbr_iiwa_link_1") && said.contains("stick out by at most"), "{said}");
+    assert!(said.contains("lbr_iiwa_link_1") && said.contains("protrusion at most"), "{said}");
     assert!(std::fs::read_to_string(&page).unwrap().contains("<canvas"));
     let again = cover(&arguments);
     assert_eq!(again.status.code(), Some(1), "{}", text(&again));
@@ -45,13 +45,17 @@ fn spheres_around_meshes_are_control_points_of_a_configuration() {
     assert_eq!(String::from_utf8(printed.stdout).unwrap(), std::fs::read_to_string(&out).unwrap());
 
     let points = std::fs::read_to_string(&out).unwrap();
-    let base = file("config/controllers/iiwa_pick.ron");
+    let shipped = std::fs::read_to_string(file("config/controllers/iiwa_pick.ron")).unwrap();
+    let (before, rest) = shipped.split_once("control_points: Some([").unwrap();
+    let (_, after) = rest.split_once("]),").unwrap();
+    let absolute = |text: &str| {
+        text.replace("\"base/", &format!("\"{}/", file("config/controllers/base")))
+            .replace("\"../../target", &format!("\"{}", file("target")))
+    };
     let configured = |name: &str, exempt: &str| {
         let path = place.path(name);
-        let text = format!(
-            "(\nbase: {base:?},\nrobot: (\nnot_kept_clear: [{exempt}],\ncontrol_points:\n{points},\n),\n)\n"
-        );
-        std::fs::write(&path, text).unwrap();
+        let keys = format!("not_kept_clear: [{exempt}],\ncontrol_points:\n{points},");
+        std::fs::write(&path, absolute(before) + &keys + &absolute(after)).unwrap();
         path
     };
     // The suction tool of the configuration's URDF has shapes, and no spheres here.

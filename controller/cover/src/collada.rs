@@ -1,4 +1,4 @@
-//! Triangles of a COLLADA file, with the file's unit, up axis and the placements of its nodes.
+//! Triangles of a COLLADA file, with the file's unit and the placements of its nodes.
 //!
 //! Of the format it knows what a shape takes: `<triangles>`, `<polylist>`, `<polygons>`, `<trifans>` and
 //! `<tristrips>` of `<geometry>`, instanced by the nodes of the scene, also by way of `<instance_node>` and of a
@@ -6,10 +6,10 @@
 
 use std::collections::HashMap;
 
-use glam::{DMat3, DMat4, DVec3};
+use glam::{DMat4, DVec3};
 use roxmltree::{Document, Node, ParsingOptions};
 
-use crate::mesh::{TRIANGLES_MAX, Triangle};
+use crate::triangle::{TRIANGLES_MAX, Triangle};
 
 /// Most elements and attributes of a file.
 const NODES_MAX: u32 = 2_000_000;
@@ -18,7 +18,7 @@ const DEPTH_MAX: usize = 64;
 
 type Result<T> = core::result::Result<T, String>;
 
-/// All triangles of a file's scene, in metres, z up.
+/// All triangles of a file's scene, in metres.
 ///
 /// # Errors
 ///
@@ -76,23 +76,14 @@ fn check_depth(text: &str) -> Result<()> {
     Ok(())
 }
 
-/// The scale and rotation of a file's `<asset>`: into metres, and z up.
+/// The scale of a file's `<asset>`, into metres.
+///
+/// Its `<up_axis>` is left alone, as by RViz, with which robot descriptions are looked at: the
+/// coordinates are those of the link whatever the file says, of the meshes of TIAGo that say `Y_UP` too.
 fn asset(root: Node) -> Result<DMat4> {
-    let Some(asset) = children(root, "asset").next() else { return Ok(DMat4::IDENTITY) };
-    let mut scale = 1.0;
-    if let Some(unit) = children(asset, "unit").next()
-        && let Some(meter) = unit.attribute("meter")
-    {
-        scale = number(unit, meter)?;
-    }
-    let up = children(asset, "up_axis").next().and_then(|up| up.text()).map_or("Y_UP", str::trim);
-    let columns = match up {
-        "X_UP" => [DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y],
-        "Z_UP" => DVec3::AXES,
-        _ => [DVec3::X, DVec3::Z, DVec3::NEG_Y],
-    };
-    let [x, y, z] = columns.map(|column| column * scale);
-    Ok(DMat4::from_mat3(DMat3::from_cols(x, y, z)))
+    let unit = children(root, "asset").flat_map(|asset| children(asset, "unit")).next();
+    let metre = unit.and_then(|unit| Some(number(unit, unit.attribute("meter")?)));
+    Ok(DMat4::from_scale(DVec3::splat(metre.transpose()?.unwrap_or(1.0))))
 }
 
 struct File<'a> {
@@ -125,7 +116,7 @@ impl<'a> File<'a> {
             match child.tag_name().name() {
                 "node" => self.add_node(child, placement, depth + 1)?,
                 "instance_node" => {
-                    self.add_node(self.target(child, "url")?, placement, depth + 1)?
+                    self.add_node(self.target(child, "url")?, placement, depth + 1)?;
                 }
                 "instance_geometry" => self.add_geometry(self.target(child, "url")?, placement)?,
                 "instance_controller" => {

@@ -24,6 +24,7 @@
 //! ```
 
 mod collada;
+mod contact;
 mod error;
 mod links;
 mod mesh;
@@ -33,6 +34,7 @@ mod primitives;
 mod solid;
 mod spheres;
 mod text;
+mod triangle;
 
 use std::path::Path;
 
@@ -40,6 +42,7 @@ use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 use tprmp_robot::{CONTROL_POINT_CAPACITY, Selection};
 
+pub use contact::LinkMeshes;
 pub use error::CoverError;
 pub use mesh::MeshFault;
 pub use packages::Packages;

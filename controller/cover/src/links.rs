@@ -7,10 +7,11 @@ use tprmp_robot::Selection;
 use urdf_rs::{Geometry, Joint, JointType, Pose, Robot};
 
 use crate::error::CoverError;
-use crate::mesh::{self, MeshFault, Triangle};
+use crate::mesh::{self, MeshFault};
 use crate::packages::Packages;
 use crate::primitives;
 use crate::spheres::Sphere;
+use crate::triangle::Triangle;
 use crate::{MissingMesh, primitives::EXCESS};
 
 /// Largest URDF \[bytes\].
@@ -135,10 +136,10 @@ impl Description {
             match &collision.geometry {
                 Geometry::Box { size } => add(primitives::cuboid(DVec3::from_array(size.0)), 0.0),
                 Geometry::Cylinder { radius, length } => {
-                    add(primitives::cylinder(*radius, *length), *radius)
+                    add(primitives::cylinder(*radius, *length), *radius);
                 }
                 Geometry::Capsule { radius, length } => {
-                    add(primitives::capsule(*radius, *length), *radius)
+                    add(primitives::capsule(*radius, *length), *radius);
                 }
                 Geometry::Sphere { radius } => {
                     shapes.spheres.push(Sphere { centre: placement.translation, radius: *radius });
@@ -151,7 +152,7 @@ impl Description {
                     match load(packages, folder, filename, &placed) {
                         Ok(triangles) => shapes.triangles.extend(triangles),
                         Err(fault) => {
-                            shapes.missing.push(MissingMesh { filename: filename.clone(), fault })
+                            shapes.missing.push(MissingMesh { filename: filename.clone(), fault });
                         }
                     }
                     continue;

@@ -1,5 +1,6 @@
 //! Triangles of a mesh file: STL, OBJ and COLLADA, read within bounds.
 
+use std::ffi::OsStr;
 use std::io;
 use std::path::Path;
 
@@ -7,16 +8,12 @@ use glam::DVec3;
 use mesh_loader::Scene;
 
 use crate::collada;
+use crate::triangle::{TRIANGLES_MAX, Triangle, ends};
 
 /// Largest mesh file \[bytes\].
 const BYTES_MAX: u64 = 256 << 20;
-/// Most triangles of a link: the finest of vendors' meshes have some 200 000.
-pub(crate) const TRIANGLES_MAX: usize = 1_000_000;
 /// A link is smaller \[m\]: what is larger is in millimetres.
 const EXTENT_MAX_M: f64 = 10.0;
-
-/// A triangle, its corners in the frame of the mesh or of the link \[m\].
-pub(crate) type Triangle = [DVec3; 3];
 
 /// Why a mesh gives no shape.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -51,16 +48,15 @@ fn listed(places: &[String]) -> String {
     if quoted.is_empty() { "no place".into() } else { quoted.join(", ") }
 }
 
-/// The triangles of a mesh file, in its own frame \[m\]; of COLLADA with the file's unit, axis and placements.
+/// The triangles of a mesh file, in its own frame \[m\]; of COLLADA with the file's unit and placements.
 ///
 /// # Errors
 ///
-/// [`MeshFault`]: what the file is instead, with the line where there is one. [`Scaled sizes`](checked) are
-/// looked at later.
+/// [`MeshFault`]: what the file is instead, with the line where there is one. Sizes are looked at by [`checked`].
 pub(crate) fn load(path: &Path) -> Result<Vec<Triangle>, MeshFault> {
     let no_mesh = |text: String| MeshFault::NotAMesh(tprmp_files::shortened(&text));
     let bytes = tprmp_files::read(path, BYTES_MAX).map_err(|error| no_mesh(error.to_string()))?;
-    let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
+    let extension = path.extension().map(OsStr::to_ascii_lowercase);
     if bytes.is_empty() {
         return Err(no_mesh("expected a mesh, found an empty file".into()));
     }
@@ -78,7 +74,7 @@ pub(crate) fn load(path: &Path) -> Result<Vec<Triangle>, MeshFault> {
         }
         Some("dae") => collada::triangles(&bytes),
         other => Err(format!(
-            "expected a file ending in .stl, .obj or .dae, found `{}`",
+            "expected a file name with .stl, .obj or .dae, found `{}`",
             other.unwrap_or("")
         )),
     };
@@ -118,12 +114,6 @@ pub(crate) fn checked(triangles: Vec<Triangle>) -> Result<Vec<Triangle>, MeshFau
     Ok(triangles)
 }
 
-/// Least and largest coordinates.
-pub(crate) fn ends(points: impl IntoIterator<Item = DVec3>) -> (DVec3, DVec3) {
-    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    points.into_iter().fold(none, |(low, high), point| (low.min(point), high.max(point)))
-}
-
 /// All triangles of a scene. Each mesh numbers its own vertices.
 fn of_scene(scene: io::Result<Scene>) -> Result<Vec<Triangle>, String> {
     let mut triangles = Vec::new();
@@ -140,4 +130,60 @@ fn of_scene(scene: io::Result<Scene>) -> Result<Vec<Triangle>, String> {
         }
     }
     Ok(triangles)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OBJ: &str = "mtllib a.mtl\no a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nvt 0 1\nf 1//1 2//1 3//1\nf -1//1 -2//1 -3//1 -4//-1\n";
+    const STL: &str = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1e0 .5\nendloop\n\
+                       endfacet\nendsolid a\n";
+    const DAE: &str = "<COLLADA><asset><unit meter=\"0.1\"/></asset><library_geometries><geometry id=\"g\"><mesh><source \
+                       id=\"p\"><float_array>0 0 0 1 0 0 0 1 0 1 1 1</float_array><technique_common><accessor stride=\"3\" \
+                       offset=\"0\"/></technique_common></source><vertices id=\"v\"><input semantic=\"POSITION\" \
+                       source=\"#p\"/></vertices><polylist><input semantic=\"VERTEX\" source=\"#v\" offset=\"0\"/><vcount>3 4\
+                       </vcount><p>0 1 2 0 1 2 3</p></polylist></mesh></geometry></library_geometries>\
+                       <library_visual_scenes><visual_scene id=\"s\"><node id=\"n\"><rotate>0 0 1 90</rotate>\
+                       <instance_geometry url=\"#g\"/></node></visual_scene></library_visual_scenes><scene>\
+                       <instance_visual_scene url=\"#s\"/></scene></COLLADA>";
+
+    /// Whatever a file says, there are triangles or a fault: bytes are changed, cut out and doubled, by a fixed seed.
+    #[test]
+    fn damaged_meshes_never_panic() {
+        let folder = tempfile::tempdir().unwrap();
+        let binary = [&[0; 80][..], &2_u32.to_le_bytes(), &[63; 100]].concat();
+        let (mut seed, mut whole) = (18_u64, 0);
+        let mut random = |below: usize| {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963);
+            (seed >> 33) as usize % below
+        };
+        for (name, content) in [
+            ("a.obj", OBJ.as_bytes()),
+            ("a.stl", STL.as_bytes()),
+            ("b.stl", &binary),
+            ("a.dae", DAE.as_bytes()),
+        ] {
+            let path = folder.path().join(name);
+            std::fs::write(&path, content).unwrap();
+            assert!(!load(&path).unwrap().is_empty(), "{name}");
+            for _ in 0..500 {
+                let mut damaged = content.to_vec();
+                for _ in 0..=random(4) {
+                    let at = random(damaged.len());
+                    let end = (at + random(12)).min(damaged.len());
+                    match random(4) {
+                        0 => damaged[at] = random(256) as u8,
+                        1 => damaged[at] = b"0123456789-./<> \n"[random(17)],
+                        2 => drop(damaged.drain(at..end)),
+                        _ => damaged.extend_from_within(at..),
+                    }
+                    damaged.push(b'\n');
+                }
+                std::fs::write(&path, damaged).unwrap();
+                whole += usize::from(load(&path).and_then(checked).is_ok());
+            }
+        }
+        assert!((50..1950).contains(&whole), "{whole} of 2000 are meshes all the same");
+    }
 }

@@ -4,7 +4,7 @@ use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use glam::{DVec2, DVec3};
 
-use crate::mesh::Triangle;
+use crate::triangle::Triangle;
 
 /// Sides of what is round.
 const SIDES: usize = 48;

@@ -9,7 +9,7 @@ use glam::{DVec3, IVec3};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::TriMesh;
 
-use crate::mesh::{Triangle, ends};
+use crate::triangle::{Triangle, ends};
 
 /// About so many nodes has the grid.
 const NODES: f64 = 80_000.0;

@@ -10,8 +10,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use glam::DVec3;
 
-use crate::mesh::{Triangle, ends};
 use crate::solid::{Centre, Solid};
+use crate::triangle::{Triangle, ends};
 
 /// About so many patches has the surface of a link.
 const PATCHES: f64 = 2400.0;

@@ -17,7 +17,7 @@ impl LinkCover {
         !self.spheres.is_empty()
     }
 
-    /// Least and largest radius [mm], in words.
+    /// Least and largest radius \[mm\], in words.
     pub(crate) fn radii(&self) -> String {
         let radii = || self.spheres.iter().map(|sphere| sphere.radius * 1e3);
         let (least, most) = (radii().fold(f64::INFINITY, f64::min), radii().fold(0.0, f64::max));
@@ -41,11 +41,9 @@ impl Cover {
         );
         let (asked, most) = (self.asked.protrusion_m * 1e3, self.asked.spheres_max);
         if self.is_within() {
-            return format!("{text}; {asked:.1} mm were asked for, of at most {most} spheres");
+            return format!("{text}; asked for were {asked:.1} mm, and at most {most} spheres");
         }
-        format!(
-            "{text}: less, the {asked:.1} mm that were asked for, would take more than {most} spheres"
-        )
+        format!("{text}; the {asked:.1} mm that were asked for would take more than {most} spheres")
     }
 
     /// The spheres as the value of a configuration's key `robot.control_points`, in RON.

@@ -111,14 +111,10 @@ pub enum UrdfErrorKind {
         said: String,
     },
     /// An element or attribute of a link or joint is missing, doubled or unreadable.
-    #[error("{element} `{name}`:{} expected {expected}, found {found}", part_of(.part))]
+    #[error("{place}: expected {expected}, found {found}")]
     Part {
-        /// `link` or `joint`.
-        element: &'static str,
-        /// Its name.
-        name: String,
-        /// The element in it; empty for itself.
-        part: String,
+        /// The link or joint, and the element in it.
+        place: String,
         /// What was expected.
         expected: String,
         /// What was found.
@@ -369,7 +365,7 @@ pub enum UrdfErrorKind {
     /// The position limits leave no range.
     #[error(
         "joint `{joint}`: limit: expected lower < upper, found lower {lower} and upper {upper}{}",
-        if lower > upper { ": they are swapped" } else { "; set `robot.limits`" }
+        if lower > upper { ": they are swapped; mend them, or set `robot.limits`" } else { "; set `robot.limits`" }
     )]
     LimitOrder {
         /// The joint.
@@ -407,10 +403,6 @@ pub enum UrdfErrorKind {
         /// The number.
         found: f64,
     },
-}
-
-fn part_of(part: &str) -> String {
-    if part.is_empty() { String::new() } else { format!(" {part}:") }
 }
 
 /// A joint beside the path.

@@ -39,7 +39,8 @@
 //! Evaluation allocates nothing, takes no lock, does no I/O and does not panic. Each loop runs over
 //! the `N` joints. Input that is not finite gives output that is not finite.
 //! Fixed links are folded into the link they are fixed to, those beside the path to the tool
-//! included. There are no closed loops and no mimic joints, and meshes are not covered by spheres.
+//! included; joints can be held. There are no closed loops, no joint on the path follows another, and
+//! meshes are not covered by spheres.
 
 #![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets: [m]")]
 
@@ -55,6 +56,7 @@ mod kinematics;
 mod limits;
 mod placement;
 mod plausibility;
+mod postures;
 mod ranges;
 mod reader;
 mod sanitise;
@@ -80,6 +82,7 @@ pub use kinematics::{
     Kinematics, forward_kinematics, forward_kinematics_with_velocity, point_motion, point_position,
 };
 pub use plausibility::{Remark, remarks};
+pub use postures::spread_posture;
 pub use selection::{Interface, LimitOverride, Selection};
 pub use self_pairs::{Ignored, SelfPairs};
 pub use urdf::{JOINTS_MAX, JOINTS_MIN, count_joints};

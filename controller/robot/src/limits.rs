@@ -39,7 +39,10 @@ pub(crate) fn limits(
     let line = joint.limit.line.unwrap_or(joint.line);
     let place = |kind| (line, kind);
     let position = match given.position {
-        Some(position) => Some(position),
+        Some([lower, upper]) if lower < upper => Some([lower, upper]),
+        Some([lower, upper]) => {
+            return Err(place(Kind::LimitOrder { joint: joint.name.clone(), lower, upper }));
+        }
         None => position(joint).map_err(place)?,
     };
     let (speed, force) = match joint.joint_type {

@@ -33,6 +33,10 @@ impl Placement {
         self.position + self.rotation * point
     }
 
+    pub(crate) fn of(pose: &Pose) -> Self {
+        Self { rotation: DMat3::from_quat(pose.orientation), position: pose.position }
+    }
+
     pub(crate) fn pose(&self) -> Pose {
         Pose::from_rotation(self.position, &self.rotation)
     }

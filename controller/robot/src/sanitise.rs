@@ -99,14 +99,9 @@ impl Reader<'_> {
         expected: impl Into<String>,
         found: impl Into<String>,
     ) {
-        let path = match at.name.as_str() {
-            name if name == self.element => String::new(),
-            name => format!("<{name}>"),
-        };
+        let owner = format!("{} `{}`", self.element, self.name);
         let kind = Kind::Part {
-            element: self.element,
-            name: self.name.to_owned(),
-            part: path,
+            place: if at.name == self.element { owner } else { format!("{owner}: <{}>", at.name) },
             expected: expected.into(),
             found: tprmp_files::shortened(&found.into()),
         };

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use tprmp_spatial::Pose;
+
 /// Which chain of a URDF is the robot.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Selection {
@@ -9,6 +11,8 @@ pub struct Selection {
     pub base_link: Option<String>,
     /// Link at the end of the chain, the tool `E`.
     pub tool_link: String,
+    /// Where the tool `E` is in that link's frame, when it is not the link itself.
+    pub tool_offset: Option<Pose>,
     /// Joints that are held, as if they were fixed, and where: those of a gripper, for example
     /// [rad or m]. What mimics one of them follows it.
     pub held_joints: BTreeMap<String, f64>,

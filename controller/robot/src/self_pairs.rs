@@ -1,10 +1,9 @@
 //! Which spheres of an arm have to keep clear of each other.
 
-use nalgebra::SVector;
-
 use crate::chain::Chain;
 use crate::control_points::{ControlPoint, ControlPoints};
 use crate::kinematics::{Kinematics, forward_kinematics, point_position};
+use crate::postures::spread_posture;
 
 /// Postures that are tried.
 const POSTURE_COUNT: usize = 500;
@@ -85,13 +84,8 @@ fn touching_counts<const N: usize>(
 ) -> Vec<usize> {
     let mut touching = vec![0_usize; links.len() * links.len()];
     let mut kinematics = Kinematics::new();
-    let mut random = Weyl::default();
-    for _ in 0..POSTURE_COUNT {
-        let q = SVector::<f64, N>::from_fn(|i, _| {
-            let bounded = |limit: f64| limit.clamp(-core::f64::consts::PI, core::f64::consts::PI);
-            let lower = bounded(chain.position_lower()[i]);
-            lower + random.next(i) * (bounded(chain.position_upper()[i]) - lower)
-        });
+    for k in 1..=POSTURE_COUNT {
+        let q = spread_posture(chain.position_lower(), chain.position_upper(), k);
         forward_kinematics(chain, &q, &mut kinematics);
         let centre = |i: usize| point_position(&kinematics, points[i].joint, points[i].centre);
         let mut touch = vec![false; touching.len()];
@@ -109,20 +103,4 @@ fn touching_counts<const N: usize>(
         }
     }
     touching
-}
-
-/// Numbers between 0 and 1, spread evenly: multiples of the square roots of primes.
-#[derive(Default)]
-struct Weyl {
-    count: f64,
-}
-
-impl Weyl {
-    fn next(&mut self, dimension: usize) -> f64 {
-        const PRIMES: [f64; 8] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0];
-        if dimension == 0 {
-            self.count += 1.0;
-        }
-        (self.count * PRIMES[dimension % PRIMES.len()].sqrt()).fract()
-    }
 }

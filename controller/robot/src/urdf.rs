@@ -140,7 +140,8 @@ impl Fold<'_> {
     /// Adds what is fixed to a link to the joint that moves it.
     fn add_link(&mut self, name: &str, anchor: &Anchor) {
         if name == self.selection.tool_link {
-            self.chain.tool = anchor.placement;
+            let offset = self.selection.tool_offset.as_ref().map(Placement::of);
+            self.chain.tool = anchor.placement.compose(&offset.unwrap_or(Placement::IDENTITY));
         }
         let Some(joint) = anchor.joint else { return };
         let (index, link) = self.tree.link(name);

@@ -27,7 +27,7 @@ pub struct CoverLinks {
     /// the URDF are looked at too.
     #[arg(long, value_name = "NAME=FOLDER", value_parser = package)]
     package: Vec<(String, PathBuf)>,
-    /// Spheres may stick out of a link by so much [m].
+    /// Spheres may stick out of a link by so many metres.
     #[arg(long, value_name = "M", default_value_t = Options::default().protrusion_m)]
     protrusion: f64,
     /// So many spheres may the arm have; where they do not suffice, they stick out farther.
@@ -73,12 +73,15 @@ pub enum CoverLinksError {
 }
 
 /// `NAME=FOLDER`.
-fn package(text: &str) -> Result<(String, PathBuf), String> {
+///
+/// # Errors
+/// With what was expected.
+pub(crate) fn package(text: &str) -> Result<(String, PathBuf), String> {
     match text.split_once('=') {
         Some((name, folder)) if !name.is_empty() && !folder.is_empty() => {
             Ok((name.into(), folder.into()))
         }
-        _ => Err("expected NAME=FOLDER, e.g. ur_description=/opt/ros/share/ur_description".into()),
+        _ => Err("expected NAME=FOLDER, e.g. ur_description=/opt/ur_description".into()),
     }
 }
 
@@ -144,16 +147,18 @@ impl CoverLinks {
 fn table(found: &Cover) -> Vec<String> {
     let width = found.links.iter().map(|link| link.link.chars().count()).max().unwrap_or(0);
     let row = |link: &LinkCover| {
+        let meshes = counted(link.meshes, "mesh", "meshes");
+        let others = counted(link.primitives, "other shape", "other shapes");
         let shapes = match (link.meshes, link.primitives) {
-            (0, 0) => return format!("{:width$}  no collision shape", link.link),
-            (meshes, 0) => format!("{meshes} meshes"),
-            (0, others) => format!("{others} other shapes"),
-            (meshes, others) => format!("{meshes} meshes, {others} other shapes"),
+            (0, 0) => "no collision shape".into(),
+            (_, 0) => meshes,
+            (0, _) => others,
+            _ => format!("{meshes}, {others}"),
         };
         let mut text = format!("{:width$}  {shapes}", link.link);
         if link.has_shape() {
-            let (count, protrusion) = (link.spheres.len(), link.protrusion_m * 1e3);
-            text += &format!(": {count} spheres stick out by at most {protrusion:.1} mm");
+            let spheres = counted(link.spheres.len(), "sphere", "spheres");
+            text += &format!(": {spheres}, protrusion at most {:.1} mm", link.protrusion_m * 1e3);
         }
         if !link.missing.is_empty() {
             text += "; not kept clear:";
@@ -164,4 +169,8 @@ fn table(found: &Cover) -> Vec<String> {
         text
     };
     found.links.iter().map(row).chain([found.summary()]).collect()
+}
+
+fn counted(count: usize, one: &str, more: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { more })
 }

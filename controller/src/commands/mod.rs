@@ -6,6 +6,7 @@ pub mod conformance;
 pub mod cover;
 pub mod ctl;
 pub mod frames;
+pub mod init;
 pub mod layout;
 pub mod monitor;
 pub mod overrides;

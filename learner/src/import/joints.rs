@@ -36,7 +36,7 @@ impl Joints {
         let degrees = selection.joint_unit == Some(AngleUnit::Deg);
         let angle_rad = if degrees { f64::to_radians(1.0) } else { 1.0 };
         let file = config.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let note = format!("poses of `{}` by the joints of {file}", robot.tool_link);
+        let note = format!("poses of `{}` by the joints of {file}", robot.tool_frame());
         Ok(Some(Self { arm, names: robot.joints, angle_rad, note }))
     }
 

@@ -5,7 +5,9 @@ use std::path::Path;
 use nalgebra::SVector;
 use tprmp_messages::JOINT_CAPACITY;
 use tprmp_model::controller_config::Robot;
-use tprmp_robot::{Chain, JointKind, Kinematics, count_joints, forward_kinematics};
+use tprmp_robot::{
+    Chain, Interface, JointKind, Kinematics, Selection, count_joints, forward_kinematics,
+};
 use tprmp_spatial::Pose;
 
 use super::error::RecordError;
@@ -56,7 +58,7 @@ impl<const N: usize> Arm for Serial<N> {
 
 /// Reads the arm that a controller's configuration names.
 pub(crate) fn read(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, RecordError> {
-    match count_joints(&robot.urdf, robot.selection())? {
+    match count_joints(&robot.urdf, kinematic(robot))? {
         2 => serial::<2>(config, robot),
         3 => serial::<3>(config, robot),
         4 => serial::<4>(config, robot),
@@ -68,13 +70,18 @@ pub(crate) fn read(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, RecordE
     }
 }
 
+/// The chain of a robot of which only the poses are asked for: masses, efforts and shapes do not matter.
+fn kinematic(robot: &Robot) -> Selection {
+    Selection { interface: Interface::Motion, ignores_shapes: true, ..robot.selection() }
+}
+
 fn serial<const N: usize>(config: &Path, robot: &Robot) -> Result<Box<dyn Arm>, RecordError> {
-    let chain = Chain::<N>::from_urdf(&robot.urdf, robot.selection())?;
+    let chain = Chain::<N>::from_urdf(&robot.urdf, kinematic(robot))?;
     if chain.joint_names()[..] != robot.joints[..] {
         let problem = format!(
             "expected the joints that `{}` has between its root and `{}`, {:?}, found {:?}",
             robot.urdf.display(),
-            robot.tool_link,
+            robot.tool_frame(),
             chain.joint_names(),
             robot.joints
         );

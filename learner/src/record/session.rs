@@ -43,11 +43,11 @@ pub fn record(options: &Options) -> Result<(), RecordError> {
                        learn";
         return Err(FileError::key(&options.skill, "other_frames", problem).into());
     }
-    if skill.tool_frame != config.robot.tool_link {
+    if skill.tool_frame != config.robot.tool_frame() {
         let problem = format!(
             "expected the tool link of `{}`, `{}`, found `{}`",
             options.config.display(),
-            config.robot.tool_link,
+            config.robot.tool_frame(),
             skill.tool_frame
         );
         return Err(FileError::key(&options.skill, "tool_frame", problem).into());

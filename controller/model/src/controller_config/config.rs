@@ -3,11 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use glam::DQuat;
 use serde::Deserialize;
 use tprmp_rmpflow::leaves::{
     ApproachFunnel, Barrier, JointDamping, KeepUpright, PoseAttractor, SpeedBarrier,
 };
 use tprmp_robot::{Interface, LimitOverride, Selection};
+use tprmp_spatial::Pose;
 
 use crate::controller_config::check::Check;
 use crate::controller_config::drives::{Actuators, Disturbance, Impedance};
@@ -34,8 +36,11 @@ pub struct Robot {
     /// Link in whose frame everything is expressed; `None` for the root of the URDF.
     #[serde(deserialize_with = "Option::deserialize")]
     pub base_link: Option<String>,
-    /// Link that the skill moves.
+    /// Link that the skill moves, or that the tool is fixed to.
     pub tool_link: String,
+    /// The tool that the skill moves, where the URDF has no link for it; `None` where the tool is that link.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub tool_offset: Option<ToolOffset>,
     /// Joints that are held, as if they were fixed, and where: those of a gripper, for example
     /// \[rad or m\]. What mimics one of them follows it.
     pub held_joints: BTreeMap<String, f64>,
@@ -99,6 +104,28 @@ pub struct PointLimits {
     pub acceleration_max_m_s2: f64,
     /// Largest power of all joints, ∑|τᵢ q̇ᵢ|, what holds against gravity included \[W\].
     pub power_max_w: f64,
+}
+
+/// A tool in the frame of the link that it is fixed to.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ToolOffset {
+    /// Name of the tool's frame: that of the skill's tool.
+    pub frame: String,
+    /// Its origin \[m\].
+    pub position_m: [f64; 3],
+    /// Its orientation, a unit quaternion.
+    pub quaternion_wxyz: [f64; 4],
+}
+
+impl ToolOffset {
+    /// X_LE, with L the link.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        let [w, x, y, z] = self.quaternion_wxyz;
+        let orientation = DQuat::from_xyzw(x, y, z, w).normalize();
+        Pose { position: self.position_m.into(), orientation }
+    }
 }
 
 /// A sphere on a link.
@@ -303,6 +330,7 @@ impl Robot {
         Selection {
             base_link: self.base_link.clone(),
             tool_link: self.tool_link.clone(),
+            tool_offset: self.tool_offset.as_ref().map(ToolOffset::pose),
             held_joints: self.held_joints.clone(),
             limits: limits.collect(),
             interface: match self.actuators {
@@ -311,6 +339,14 @@ impl Robot {
             },
             ignores_shapes: self.control_points.is_some(),
         }
+    }
+}
+
+impl Robot {
+    /// Name of the frame that the skill moves.
+    #[must_use]
+    pub fn tool_frame(&self) -> &str {
+        self.tool_offset.as_ref().map_or(&self.tool_link, |offset| &offset.frame)
     }
 }
 
@@ -406,6 +442,18 @@ impl Robot {
         for (joint, position) in &self.held_joints {
             let key = format!("held_joints[\"{joint}\"]");
             check.require(position.is_finite(), &key, "a finite number", position);
+        }
+        if let Some(offset) = &self.tool_offset {
+            let is_finite = offset.position_m.iter().all(|number| number.is_finite());
+            check.require(is_finite, "tool_offset.position_m", "three finite numbers", offset);
+            let length = offset.quaternion_wxyz.iter().map(|q| q * q).sum::<f64>().sqrt();
+            let is_unit = (length - 1.0).abs() < 1e-3;
+            check.require(
+                is_unit,
+                "tool_offset.quaternion_wxyz",
+                "a quaternion of length 1",
+                offset,
+            );
         }
         if let Some(points) = &self.point_limits {
             check.positive("point_limits.speed_max_m_s", points.speed_max_m_s);

@@ -178,6 +178,21 @@ pub struct SkillModel {
 pub const MODE_CAPACITY: usize = 8;
 
 impl SkillModel {
+    /// The axis along which the tool comes to its goal, in its own frame: of the last stretch of the path, from the mean
+    /// of the last Gaussian but one. `None` without an orientation, or where that stretch is shorter than 5 mm.
+    #[must_use]
+    pub fn approach_axis(&self) -> Option<DVec3> {
+        const LENGTH_MIN_M: f64 = 0.005;
+        let [.., last, _] = &self.gaussians[..] else { return None };
+        let (true, [x, y, z, ..]) = (self.manifold.has_orientation(), &last.mean[..]) else {
+            return None;
+        };
+        let [w, i, j, k] = self.canonical.goal.quaternion_wxyz;
+        let along = DVec3::from(self.canonical.goal.position_m) - DVec3::new(*x, *y, *z);
+        let into_tool = DQuat::from_xyzw(i, j, k, w).inverse();
+        (along.length() > LENGTH_MIN_M).then(|| into_tool * along.normalize())
+    }
+
     /// The ways of doing the skill, at least one: itself, then its other modes.
     pub fn modes(&self) -> impl ExactSizeIterator<Item = &Self> + Clone {
         ModeIterator { model: self, next: 0 }

@@ -1,0 +1,158 @@
+//! Which links need not keep clear of each other, or of what the arm stands on.
+
+use std::collections::BTreeSet;
+
+use glam::{DAffine3, DMat3, DVec3};
+use nalgebra::SVector;
+use rayon::prelude::*;
+use tprmp_cover::Cover;
+use tprmp_robot::{
+    Chain, ControlPoints, Kinematics, SelfPairs, forward_kinematics, point_position, spread_posture,
+};
+
+/// Postures that are tried.
+const POSTURE_COUNT: usize = 400;
+/// Spheres of two links that touch in this fraction of the postures stick out too far to tell anything.
+const TOUCHING_FRACTION: f64 = 0.3;
+/// In fewer postures two links are too seldom near each other to tell what their shapes can do.
+const NEAR_FRACTION: f64 = 0.05;
+/// What links can do that more joints lie between is not told by so few postures.
+const JOINTS_BETWEEN_MAX: usize = 3;
+/// A sphere that comes no higher than this above the ground stands on it \[m\].
+const GROUND_M: f64 = 0.02;
+
+/// Spheres that are near the ground, z = 0 of the base, in every posture.
+pub(super) fn grounded<const N: usize>(
+    chain: &Chain<N>,
+    points: &ControlPoints,
+    range: &[SVector<f64, N>; 2],
+) -> Vec<bool> {
+    let mut grounded = vec![true; points.as_slice().len()];
+    let mut kinematics = Kinematics::new();
+    for k in 1..=POSTURE_COUNT {
+        forward_kinematics(chain, &spread_posture(&range[0], &range[1], k), &mut kinematics);
+        for (point, stands) in points.as_slice().iter().zip(&mut grounded) {
+            let lowest = point_position(&kinematics, point.joint, point.centre).z - point.radius;
+            *stands &= lowest < GROUND_M;
+        }
+    }
+    grounded
+}
+
+/// Of a link that stands on the ground: how far from its joint's axis \[m\], or wholly.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Grounded {
+    /// The link.
+    pub link: String,
+    /// `None` for all of it.
+    pub near_axis_m: Option<f64>,
+}
+
+/// The links of grounded spheres.
+pub(super) fn grounded_links<const N: usize>(
+    chain: &Chain<N>,
+    points: &ControlPoints,
+    grounded: &[bool],
+) -> Vec<Grounded> {
+    let mut found = Vec::new();
+    for (link, (name, _)) in chain.moving_links().iter().enumerate() {
+        let of_link =
+            points.as_slice().iter().zip(grounded).filter(|(point, _)| point.link == link);
+        let (mut low, mut all) = (None::<f64>, true);
+        for (point, stands) in of_link {
+            let from_axis = DVec3::new(point.centre.x, point.centre.y, 0.0).length();
+            if *stands {
+                low = Some(low.unwrap_or(0.0).max(from_axis));
+            }
+            all &= *stands;
+        }
+        if let Some(far) = low {
+            // To the millimetre above, so that the farthest one is meant.
+            let near_axis_m = (!all).then_some((far * 1e3 + 1.0).floor() * 1e-3);
+            found.push(Grounded { link: name.clone(), near_axis_m });
+        }
+    }
+    found
+}
+
+/// A pair of links that need not keep clear of each other, and why.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Harmless {
+    pub(super) links: [String; 2],
+    pub(super) reason: String,
+}
+
+/// What pairs of links are looked at with.
+#[derive(Clone, Copy)]
+pub(super) struct Look<'a, const N: usize> {
+    pub(super) chain: &'a Chain<N>,
+    pub(super) points: &'a ControlPoints,
+    pub(super) cover: Option<&'a Cover>,
+    /// Spheres are near where avoidance acts on them \[m\].
+    pub(super) near_m: f64,
+}
+
+/// Pairs of links that are near each other in one of twenty postures or more, by their spheres, and whose shapes touch in
+/// none: they cannot meet. Of links whose shapes are not known, those that are near in three of ten.
+pub(super) fn harmless<const N: usize>(
+    look: &Look<'_, N>,
+    exempt: &[(String, String)],
+    range: &[SVector<f64, N>; 2],
+) -> Vec<Harmless> {
+    let Look { chain, points, cover, near_m } = *look;
+    let watched = SelfPairs::new(chain, points, exempt).watched;
+    let points = points.as_slice();
+    let pairs: BTreeSet<_> =
+        watched.iter().map(|&(i, j)| (points[i].link, points[j].link)).collect();
+    let postures: Vec<Kinematics<N>> = (1..=POSTURE_COUNT)
+        .map(|k| {
+            let mut kinematics = Kinematics::new();
+            forward_kinematics(chain, &spread_posture(&range[0], &range[1], k), &mut kinematics);
+            kinematics
+        })
+        .collect();
+    let meshes = cover.map(Cover::meshes);
+    let in_cover = |link: usize| {
+        let name = &chain.moving_links()[link].0;
+        cover.and_then(|cover| cover.links.iter().position(|of| of.link == *name))
+    };
+    let judge = |&(a, b): &(usize, usize)| {
+        let are_near = |at: &&Kinematics<N>| {
+            let of_pair =
+                watched.iter().filter(|&&(i, j)| points[i].link == a && points[j].link == b);
+            of_pair.into_iter().any(|&(i, j)| {
+                let [x, y] = [i, j].map(|i| point_position(at, points[i].joint, points[i].centre));
+                x.distance(y) <= points[i].radius + points[j].radius + near_m
+            })
+        };
+        let joint = |link: usize| chain.moving_links()[link].1;
+        if joint(a).abs_diff(joint(b)) > JOINTS_BETWEEN_MAX {
+            return None;
+        }
+        let near: Vec<_> = postures.iter().filter(are_near).collect();
+        let fraction = near.len() as f64 / POSTURE_COUNT as f64;
+        let shapes_touch = |at: &&Kinematics<N>| match (&meshes, in_cover(a), in_cover(b)) {
+            (Some(meshes), Some(one), Some(other)) => {
+                meshes.touch((one, &placement(chain, at, a)), (other, &placement(chain, at, b)))
+            }
+            _ => fraction < TOUCHING_FRACTION,
+        };
+        let name = |link: usize| chain.moving_links()[link].0.clone();
+        (fraction >= NEAR_FRACTION && !near.iter().any(|at| shapes_touch(at))).then(|| Harmless {
+            links: [name(a), name(b)],
+            reason: format!("near in {:.0} %, touching in none", 100.0 * fraction),
+        })
+    };
+    pairs.iter().collect::<Vec<_>>().par_iter().filter_map(|pair| judge(pair)).collect()
+}
+
+/// Where the frame of a moving link is in the base.
+fn placement<const N: usize>(chain: &Chain<N>, at: &Kinematics<N>, link: usize) -> DAffine3 {
+    let joint = chain.moving_links()[link].1;
+    let place =
+        |point| point_position(at, joint, chain.in_joint_frame(link, point).unwrap_or(point));
+    let origin = place(DVec3::ZERO);
+    let axis = |axis| place(axis) - origin;
+    let axes = DMat3::from_cols(axis(DVec3::X), axis(DVec3::Y), axis(DVec3::Z));
+    DAffine3::from_mat3_translation(axes, origin)
+}
