@@ -23,6 +23,7 @@ use crate::policy::value::{FRAME_CAPACITY, SkillValue};
 
 /// What of poses a policy moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a policy has one, and it lies close together")]
 pub enum Restriction {
     /// R³×S¹: the position, and the angle about z of the world.
     Yaw {
