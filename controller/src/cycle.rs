@@ -336,22 +336,23 @@ impl<const N: usize> Cycle<N> {
                 let position = state.position.as_slice();
                 Detail::beyond(reason, position, lower.as_slice(), upper.as_slice())
             }
-            (Reason::QuaternionOrder, ..) => self.detail,
+            (Reason::QuaternionOrder | Reason::StartElsewhere, ..) => self.detail,
             _ => self.inbox.detail(reason, now_ns),
         }
     }
 
-    /// Keeps a detail for other threads. One with nothing to add replaces none of the same reason: what it was
+    /// Keeps a detail for other threads, and gives its reason. One with nothing to add replaces none of the same reason: what it was
     /// about may have passed, while the arm still comes to rest.
-    fn note(&mut self, detail: Detail) {
+    fn note(&mut self, detail: Detail) -> Reason {
         let same = detail.reason == self.detail.reason;
         if same && (detail.about == About::Nothing || self.supervisor.check_fault().is_err()) {
-            return;
+            return detail.reason;
         }
         self.detail = detail;
         self.telemetry.note(&detail);
         let Inbox { scene, .. } = &self.inbox;
-        self.shared.detail.write(&detail, scene.names(), self.inbox.found_frames());
+        self.shared.detail.write(&detail, scene.needed(), self.inbox.found_frames());
+        detail.reason
     }
 
     /// The state from which the policy may be followed, or why it may not.
@@ -412,10 +413,14 @@ impl<const N: usize> Cycle<N> {
             }
             external.advance(now_ns, dt);
         }
-        let parameters = parameters(&self.inbox, dt);
         // Where the arm will be, at the time at which the frames are seen.
         let ahead = self.motion.ahead(state);
         let (q, qd) = (&ahead.position, &ahead.velocity);
+        if self.inbox.awaits_start() {
+            let tool = self.policy.tool_pose(q, &mut self.workspace);
+            self.inbox.start_at(&tool, now_ns).map_err(|detail| self.note(detail))?;
+        }
+        let parameters = parameters(&self.inbox, dt);
         let decision = self
             .policy
             .evaluate(q, qd, &self.task.task(), &parameters, &mut self.workspace)
@@ -423,8 +428,7 @@ impl<const N: usize> Cycle<N> {
         if self.motion.is_holding()
             && let Some(detail) = self.inbox.order_of_start(&decision.tool)
         {
-            self.note(detail);
-            return Err(detail.reason);
+            return Err(self.note(detail));
         }
         let chain = self.policy.chain();
         let setpoint = {

@@ -5,13 +5,16 @@ use tprmp_model::controller_config::{
     Collision, ControllerConfig, Fallback, Fallbacks, PostureLeaf,
 };
 use tprmp_rmpflow::leaves::{
-    self, ApproachFunnel, JointLimits, JointSpeedLimits, Obstacle, PoseAttractor, Proximity,
-    SelfCollision, Tick,
+    self, ApproachFunnel, JointLimits, JointSpeedLimits, KeepUpright, Obstacle, PoseAttractor,
+    Proximity, SelfCollision, Tick,
 };
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::policy::{SkillPolicy, SpeedGovernor};
 use tprmp_rmpflow::tree::{Resolved, Tree, TreeState};
-use tprmp_robot::{Chain, ControlPoints, Kinematics, SelfPairs, forward_kinematics_with_velocity};
+use tprmp_robot::{
+    Chain, ControlPoints, Kinematics, SelfPairs, forward_kinematics,
+    forward_kinematics_with_velocity,
+};
 use tprmp_spatial::{MovingPose, PointMotion, Pose, Twist};
 
 use crate::arm::{Arm, PointPlaces, part_pairs};
@@ -26,6 +29,7 @@ pub struct RobotPolicy<const N: usize> {
     /// At least one; the first is the task.
     skills: Vec<SkillLeaf>,
     attractor: Option<PoseAttractor>,
+    upright: Option<KeepUpright>,
     approach: Option<ApproachFunnel>,
     lift: Option<PoseAttractor>,
     tree: Tree<N>,
@@ -169,6 +173,7 @@ impl<const N: usize> RobotPolicy<N> {
             arm,
             skills,
             attractor: config.goal_attractor,
+            upright: config.keep_upright,
             approach: config.approach,
             lift: config.lift.map(|lift| lift.attractor),
         }
@@ -189,6 +194,12 @@ impl<const N: usize> RobotPolicy<N> {
     #[must_use]
     pub fn chain(&self) -> &Chain<N> {
         &self.arm.chain
+    }
+
+    /// Where the tool is at these joint positions, N \[rad or m\]; the workspace's kinematics are overwritten.
+    pub fn tool_pose(&self, q: &SVector<f64, N>, workspace: &mut Workspace<N>) -> Pose {
+        forward_kinematics(&self.arm.chain, q, &mut workspace.kinematics);
+        workspace.kinematics.tool_pose()
     }
 
     /// What bounds the velocities that the first skill asks for.
@@ -232,8 +243,8 @@ impl<const N: usize> RobotPolicy<N> {
         (sum, energy)
     }
 
-    /// The leaves on the tool: the skills with a goal attractor, or the lift; beside them an external
-    /// command and the approach funnel.
+    /// The leaves on the tool: the skills with a goal attractor, or the lift; beside them what keeps it upright, an
+    /// external command and the approach funnel.
     fn tool_leaves(
         &self,
         task: &Task,
@@ -261,6 +272,9 @@ impl<const N: usize> RobotPolicy<N> {
                 learned_energy
             }
         };
+        if let Some(upright) = &self.upright {
+            leaf.add(&upright.evaluate(&tool, velocity.angular));
+        }
         if let Some(desired) = parameters.external.and_then(|external| external.leaf(&velocity)) {
             leaf.add(&desired);
         }

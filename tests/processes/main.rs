@@ -14,6 +14,7 @@ mod faults;
 mod files;
 mod guard;
 mod lockstep;
+mod parts;
 mod realtime;
 mod record;
 mod record_noise;

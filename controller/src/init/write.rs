@@ -240,7 +240,7 @@ fn posture(plan: &Plan<'_>, chosen: &Chosen) -> String {
     let mut text = Text::new(1);
     let home = numbers(&chosen.home);
     let reason = plan.semantic.home_reason();
-    let decided = plan.model.map_or(6, |model| model.manifold.dimension());
+    let decided = plan.model.map_or(6, |model| model.manifold.moved().len());
     if chosen.home.len() <= decided {
         text.comment(&format!(
             "The pose of the tool decides about all joints. A posture to begin from, {reason}: {home}."

@@ -12,6 +12,7 @@ use tprmp_spatial::Pose;
 use crate::demonstration::at_most::{Row, at_most, some_at_most};
 use crate::demonstration::bounds::diagonal;
 use crate::demonstration::gripper::Gripper;
+use crate::demonstration::part;
 use crate::file_error::{FileError, read_text};
 
 /// Schema version this module reads and writes.
@@ -125,11 +126,14 @@ pub fn columns(manifold: Manifold) -> &'static [&'static str] {
     match manifold {
         Manifold::R2 => &["x_m", "y_m"],
         Manifold::R3 => &["x_m", "y_m", "z_m"],
-        Manifold::R3S3 => &["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"],
+        Manifold::R3S1 | Manifold::S3 | Manifold::R3S3 => {
+            &["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
+        }
     }
 }
 
-/// Reads all demonstrations of a folder (`*.json`), in order of their names; hidden files are skipped.
+/// Reads all demonstrations of a folder (`*.json`), in order of their names; hidden files are skipped. Of those of poses
+/// a skill on R3, R3xS1 or S3 has its part.
 ///
 /// # Errors
 /// [`FileError`], naming file and key: the folder is missing or empty, a file is refused by
@@ -197,12 +201,18 @@ pub fn read_folder_with_all_frames(
             let problem = format!("expected `{skill}`, found `{}`", demonstration.skill);
             return Err(FileError::key(&file, "skill", problem));
         }
-        if demonstration.manifold != manifold {
-            let problem = format!("expected `{manifold}`, found `{}`", demonstration.manifold);
+        if !part::is_learned_from(manifold, demonstration.manifold) {
+            let expected = if manifold.is_part_of_pose() {
+                format!("`{}`, of which a skill on {manifold} has its part", Manifold::R3S3)
+            } else {
+                format!("`{manifold}`")
+            };
+            let problem = format!("expected {expected}, found `{}`", demonstration.manifold);
             return Err(FileError::key(&file, "manifold", problem));
         }
         demonstrations.push(demonstration);
     }
+    part::leave_part(&mut demonstrations, manifold, folder, [start_frame, goal_frame])?;
     Ok(demonstrations)
 }
 

@@ -4,6 +4,7 @@ pub(crate) mod at_most;
 mod bounds;
 mod file;
 mod gripper;
+mod part;
 pub mod plausibility;
 
 pub use bounds::diagonal;
@@ -15,3 +16,4 @@ pub use file::{
 };
 pub(crate) use gripper::check_width;
 pub use gripper::{Grip, Gripper, WIDTH_MAX_M};
+pub(crate) use part::leave_part;
