@@ -12,8 +12,9 @@ use tprmp_robot::{
 /// Postures that are tried, and how often the best one is bettered.
 const TRIED: usize = 4000;
 const REFINED: usize = 400;
-/// Spheres keep so far apart, and above the ground: beyond where they act on each other \[m\].
+/// Spheres keep so far apart, and so far above the ground: beyond where avoidance acts, with room to move \[m\].
 const CLEARANCE_M: f64 = 0.06;
+const HEIGHT_M: f64 = 0.2;
 /// The manipulability may fall to this fraction of that at home.
 const SINGULAR_FRACTION: f64 = 0.08;
 /// Steps in which a joint is swept \[rad or m\].
@@ -85,20 +86,21 @@ impl<const N: usize> Criteria<'_, N> {
             let aside = (q[i] - 0.5 * (lower + upper)) / (0.5 * (upper - lower)).max(1e-9);
             near_limit += aside * aside / N as f64;
         }
-        let clearance = self.clearance(kinematics);
+        let [clearance, low] = self.clearance(kinematics);
         let down = -(kinematics.tool_pose().orientation * self.approach_axis).z;
         let out = kinematics.tool_position().truncate().length() / reach;
         let height = (kinematics.tool_position().z / reach - 0.3).clamp(-1.0, 1.0);
         // Half of the reach away, and a third of it high.
         2.0 / N as f64 * manipulability(kinematics, reach).max(1e-30).ln() - 1.5 * near_limit
             + 20.0 * (clearance - CLEARANCE_M).min(0.0) / CLEARANCE_M
+            + 10.0 * (low - HEIGHT_M).min(0.0) / HEIGHT_M
             + 3.0 * down
             - 4.0 * (out - 0.55).powi(2)
             - 4.0 * height * height
     }
 
     /// Least clearance between spheres of the arm, and from the ground \[m\].
-    fn clearance(&self, kinematics: &Kinematics<N>) -> f64 {
+    fn clearance(&self, kinematics: &Kinematics<N>) -> [f64; 2] {
         let points = self.points.as_slice();
         let centre = |i: usize| point_position(kinematics, points[i].joint, points[i].centre);
         let own = self
@@ -109,7 +111,7 @@ impl<const N: usize> Criteria<'_, N> {
         let above = (0..points.len())
             .filter(|&i| !self.grounded[i])
             .map(|i| centre(i).z - points[i].radius);
-        own.chain(above).fold(1.0, f64::min)
+        [own.fold(1.0, f64::min), above.fold(1.0, f64::min)]
     }
 
     /// Of each joint the range around home \[rad or m\] beyond which the arm, with the other joints at home, comes near

@@ -57,6 +57,8 @@ pub(crate) struct Outcome {
     pub(crate) distance_mm: f64,
     pub(crate) angle_deg: f64,
     pub(crate) contacts: Vec<String>,
+    /// Where the joints ended \[rad or m\].
+    pub(crate) joints: Vec<f64>,
     pub(crate) said: String,
 }
 
@@ -149,6 +151,7 @@ impl<const N: usize> Episode<'_, N> {
             distance_mm: 1e3 * tool.position.distance(self.tool_goal.position),
             angle_deg: if self.model.manifold.has_orientation() { turned } else { 0.0 },
             contacts,
+            joints: state.position[..N].to_vec(),
             said: String::new(),
         })
     }
