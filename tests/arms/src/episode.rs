@@ -110,7 +110,7 @@ impl<const N: usize> Episode<'_, N> {
         };
         let mut kinematics = Kinematics::new();
         forward_kinematics(self.chain, &self.home, &mut kinematics);
-        let mut frames = self.frames(&kinematics.tool_pose())?;
+        let mut frames = self.frames()?;
         state.position[..N].copy_from_slice(self.home.as_slice());
         let (mut contacts, mut is_done) = (Vec::<String>::new(), false);
         while state.time_ns < (TIME_MAX_S * 1e9) as u64 {
@@ -144,26 +144,27 @@ impl<const N: usize> Episode<'_, N> {
             }
         }
         let tool = kinematics.tool_pose();
-        let turned = self.tool_goal.rotation_from(&tool).length().to_degrees();
+        let turned = self.tool_goal.rotation_from(&tool).to_array();
+        let decided = |axis: &usize| self.model.manifold.moved().contains(&(axis + 3));
+        let turned = (0..3).filter(decided).map(|axis| turned[axis] * turned[axis]).sum::<f64>();
         Ok(Outcome {
             is_done,
             time_s: state.time_ns as f64 * 1e-9,
             distance_mm: 1e3 * tool.position.distance(self.tool_goal.position),
-            angle_deg: if self.model.manifold.has_orientation() { turned } else { 0.0 },
+            angle_deg: turned.sqrt().to_degrees(),
             contacts,
             joints: state.position[..N].to_vec(),
             said: String::new(),
         })
     }
 
-    fn frames(&self, tool: &Pose) -> Result<TaskFrames, String> {
-        let mut frames = TaskFrames { frame_count: 2, obstacle_count: 2, ..TaskFrames::default() };
-        let named = [(&self.model.start_frame, tool), (&self.model.goal_frame, &self.goal)];
-        for (frame, (name, pose)) in frames.frames.iter_mut().zip(named) {
-            *frame = Frame::at(name, pose.position.into()).map_err(|error| error.to_string())?;
-            let q = pose.orientation;
-            frame.quaternion = [q.w, q.x, q.y, q.z];
-        }
+    fn frames(&self) -> Result<TaskFrames, String> {
+        // The controller finds by itself where the tool starts.
+        let mut frames = TaskFrames { frame_count: 1, obstacle_count: 2, ..TaskFrames::default() };
+        let goal = Frame::at(&self.model.goal_frame, self.goal.position.into());
+        let q = self.goal.orientation;
+        frames.frames[0] =
+            Frame { quaternion: [q.w, q.x, q.y, q.z], ..goal.map_err(|error| error.to_string())? };
         let upright = [1.0, 0.0, 0.0, 0.0];
         frames.obstacles[0] = Obstacle {
             kind: ObstacleKind::Sphere.to_wire(),

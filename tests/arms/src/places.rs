@@ -128,8 +128,7 @@ impl<const N: usize> Search<'_, N> {
 
     /// Damped least squares, within the range but for its ends.
     fn inverse(&self, from: SVector<f64, N>, goal: &Pose, clear: f64) -> Option<SVector<f64, N>> {
-        let has_orientation = self.model.manifold.has_orientation();
-        let rows = if has_orientation { 6 } else { 3 };
+        let rows = self.model.manifold.moved();
         let mut kinematics = Kinematics::new();
         let mut q = from;
         for _ in 0..STEPS_MAX {
@@ -137,12 +136,15 @@ impl<const N: usize> Search<'_, N> {
             let tool = kinematics.tool_pose();
             let aside = goal.position - tool.position;
             let turned = goal.rotation_from(&tool);
-            let error = DVector::from_fn(rows, |i, _| if i < 3 { aside[i] } else { turned[i - 3] });
+            let aside = [aside.to_array(), turned.to_array()];
+            let error = DVector::from_fn(rows.len(), |i, _| aside.as_flattened()[rows[i]]);
             if error.norm() < 1e-4 {
                 return Some(q);
             }
-            let jacobian = DMatrix::from_fn(rows, N, |i, j| kinematics.tool_jacobian[(i, j)]);
-            let square = &jacobian * jacobian.transpose() + DMatrix::identity(rows, rows) * 1e-4;
+            let jacobian =
+                DMatrix::from_fn(rows.len(), N, |i, j| kinematics.tool_jacobian[(rows[i], j)]);
+            let square =
+                &jacobian * jacobian.transpose() + DMatrix::identity(rows.len(), rows.len()) * 1e-4;
             let step = jacobian.transpose() * square.lu().solve(&error)?;
             let size = (0.2 / step.amax().max(1e-9)).min(1.0);
             for i in 0..N {
