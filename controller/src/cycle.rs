@@ -93,8 +93,8 @@ impl<const N: usize> Cycle<N> {
     ) -> Self {
         let Replacement { policy, workspace, scene } = new;
         let limits = JointLimits::new(policy.chain(), &config.robot);
-        let mut task = TaskState::new(config.lift, config.done, policy.has_orientation());
-        task.set_skill(policy.has_orientation(), policy.is_periodic());
+        let mut task = TaskState::new(config.lift, config.done, policy.moved());
+        task.set_skill(policy.moved(), policy.is_periodic());
         Self {
             workspace,
             task,
@@ -297,7 +297,7 @@ impl<const N: usize> Cycle<N> {
                 core::mem::swap(workspace, &mut new.workspace);
                 core::mem::swap(&mut inbox.scene, &mut new.scene);
                 inbox.update_scene(now_ns);
-                task.set_skill(policy.has_orientation(), policy.is_periodic());
+                task.set_skill(policy.moved(), policy.is_periodic());
                 task.interrupt();
             });
         }

@@ -1,6 +1,6 @@
 //! The policy of a robot: the task's leaves on its tool, and the tree of all others.
 
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector6};
 use tprmp_model::controller_config::{
     Collision, ControllerConfig, Fallback, Fallbacks, PostureLeaf,
 };
@@ -213,10 +213,10 @@ impl<const N: usize> RobotPolicy<N> {
         self.skills[0].is_periodic()
     }
 
-    /// Whether the first skill acts on the orientation too.
+    /// Which coordinates of the tool the first skill moves, displacement before rotation: 1, or 0.
     #[must_use]
-    pub fn has_orientation(&self) -> bool {
-        self.skills[0].has_orientation()
+    pub fn moved(&self) -> Vector6<f64> {
+        self.skills[0].moved()
     }
 
     /// What the learned skills want of the tool, within their speeds: M ẍ = f on \[linear; angular\],

@@ -327,7 +327,7 @@ pub fn robot_of<const N: usize>(
     };
     let points =
         points.map_err(|source| StartError::ControlPoints { urdf: urdf.clone(), source })?;
-    check_kept_clear(config_path, config, &uncovered_links(&chain, &points), &links)?;
+    check_kept_clear(config_path, config, &uncovered_links(&chain, document, &points), &links)?;
     Ok((chain, points))
 }
 
@@ -335,12 +335,16 @@ pub fn robot_of<const N: usize>(
 #[must_use]
 pub fn uncovered_links<'a, const N: usize>(
     chain: &'a Chain<N>,
+    document: &Document,
     points: &ControlPoints,
 ) -> Vec<&'a str> {
     let links = chain.moving_links().iter().enumerate();
-    let has_shape = |link: usize| chain.collision_shapes().iter().any(|shape| shape.link == link);
+    // Those of the file: the chain does not have them where it has control points.
+    let has_shape = |name: &str| {
+        document.links.iter().any(|link| link.name == name && !link.collisions.is_empty())
+    };
     let has_points = |link: usize| points.as_slice().iter().any(|point| point.link == link);
-    let uncovered = links.filter(|(link, _)| has_shape(*link) && !has_points(*link));
+    let uncovered = links.filter(|(link, (name, _))| has_shape(name) && !has_points(*link));
     uncovered.map(|(_, (name, _))| name.as_str()).collect()
 }
 

@@ -13,6 +13,7 @@ mod fault_matrix;
 mod faults;
 mod files;
 mod guard;
+mod init;
 mod lockstep;
 mod parts;
 mod realtime;

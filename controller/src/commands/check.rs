@@ -134,7 +134,7 @@ impl WithRobot for Describe<'_> {
             let text = "nothing is kept clear: `collision` and `self_collision` are None";
             line("warn", "control points", text);
         } else {
-            list_control_points(&chain, &points);
+            list_control_points(&chain, self.document, &points);
         }
         if let Some(own) = &self.config.self_collision {
             list_pairs(&chain, &SelfPairs::new(&chain, &points, &own.exempt));
@@ -175,8 +175,12 @@ impl WithRobot for Fits<'_> {
 
 /// How many spheres cover each link, and how large they are. A link that is not kept clear was accepted at the
 /// start-up's checks: it is exempt, or nothing keeps clear.
-fn list_control_points<const N: usize>(chain: &Chain<N>, points: &ControlPoints) {
-    let uncovered = startup::uncovered_links(chain, points);
+fn list_control_points<const N: usize>(
+    chain: &Chain<N>,
+    document: &Document,
+    points: &ControlPoints,
+) {
+    let uncovered = startup::uncovered_links(chain, document, points);
     for (index, (link, _)) in chain.moving_links().iter().enumerate() {
         let radii = points.as_slice().iter().filter(|p| p.link == index).map(|p| p.radius);
         let (count, least, most) = radii

@@ -255,7 +255,7 @@ fn posture(plan: &Plan<'_>, chosen: &Chosen) -> String {
     ));
     let lines = [
         format!("position: {home}"),
-        "inertia: 0.0003".into(),
+        "inertia: 0.001".into(),
         "stiffness_1_s2: 4.0".into(),
         "damping_1_s: 4.0".into(),
         "saturation: 0.5".into(),

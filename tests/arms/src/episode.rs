@@ -144,14 +144,18 @@ impl<const N: usize> Episode<'_, N> {
             }
         }
         let tool = kinematics.tool_pose();
+        let aside = (self.tool_goal.position - tool.position).to_array();
         let turned = self.tool_goal.rotation_from(&tool).to_array();
-        let decided = |axis: &usize| self.model.manifold.moved().contains(&(axis + 3));
-        let turned = (0..3).filter(decided).map(|axis| turned[axis] * turned[axis]).sum::<f64>();
+        // In what the skill decides about.
+        let length = |part: [f64; 3], first: usize| {
+            let decided = |axis: &usize| self.model.manifold.moved().contains(&(axis + first));
+            (0..3).filter(decided).map(|axis| part[axis] * part[axis]).sum::<f64>().sqrt()
+        };
         Ok(Outcome {
             is_done,
             time_s: state.time_ns as f64 * 1e-9,
-            distance_mm: 1e3 * tool.position.distance(self.tool_goal.position),
-            angle_deg: turned.sqrt().to_degrees(),
+            distance_mm: 1e3 * length(aside, 0),
+            angle_deg: length(turned, 3).to_degrees(),
             contacts,
             joints: state.position[..N].to_vec(),
             said: String::new(),
