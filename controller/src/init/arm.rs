@@ -13,7 +13,7 @@ const FINGER_JOINTS_MAX: usize = 3;
 const GRIPPER_WORDS: [&str; 6] = ["gripper", "finger", "jaw", "claw", "knuckle", "hand_joint"];
 /// Names of frames at the end of an arm, those farther out first.
 const TOOL_WORDS: [&str; 9] =
-    ["tcp", "grasp", "suction_tip", "tool0", "tool_tip", "ee_link", "tool", "flange", "ee"];
+    ["tcp", "grasp", "tip", "tool0", "ee_link", "tool", "flange", "end", "ee"];
 
 /// The arm of a description.
 #[derive(Debug, Clone, PartialEq)]

@@ -312,6 +312,7 @@ impl<'a> WithRobot for Plan<'a> {
             pairs: &watched,
             range: ends,
             approach_axis: tool_axis,
+            moved: self.model.map_or(&[0, 1, 2, 3, 4, 5], |model| model.manifold.moved()),
             grounded: &all,
         };
         let home = self.semantic.home(chain.joint_names()).unwrap_or_else(|| criteria.home());

@@ -3,7 +3,7 @@
 use core::f64::consts::PI;
 
 use glam::DVec3;
-use nalgebra::{Matrix6xX, SVector};
+use nalgebra::{DMatrix, SVector};
 use tprmp_robot::{
     Chain, ControlPoints, JointKind, Kinematics, SelfPairs, forward_kinematics, point_position,
     spread_posture,
@@ -34,6 +34,8 @@ pub(super) struct Criteria<'a, const N: usize> {
     pub range: [SVector<f64, N>; 2],
     /// The tool's axis that points at what it works on, in its frame.
     pub approach_axis: DVec3,
+    /// Which coordinates of the tool the skill moves, displacement before rotation.
+    pub(super) moved: &'a [usize],
     /// Spheres that stand on the ground in every posture.
     pub grounded: &'a [bool],
 }
@@ -91,7 +93,7 @@ impl<const N: usize> Criteria<'_, N> {
         let out = kinematics.tool_position().truncate().length() / reach;
         let height = (kinematics.tool_position().z / reach - 0.3).clamp(-1.0, 1.0);
         // Half of the reach away, and a third of it high.
-        2.0 / N as f64 * manipulability(kinematics, reach).max(1e-30).ln() - 1.5 * near_limit
+        2.0 / N as f64 * self.manipulability(kinematics, reach).max(1e-30).ln() - 1.5 * near_limit
             + 20.0 * (clearance - CLEARANCE_M).min(0.0) / CLEARANCE_M
             + 10.0 * (low - HEIGHT_M).min(0.0) / HEIGHT_M
             + 3.0 * down
@@ -120,7 +122,7 @@ impl<const N: usize> Criteria<'_, N> {
         let mut kinematics = Kinematics::new();
         let reach = self.reach(&mut kinematics);
         forward_kinematics(self.chain, home, &mut kinematics);
-        let least = SINGULAR_FRACTION * manipulability(&kinematics, reach);
+        let least = SINGULAR_FRACTION * self.manipulability(&kinematics, reach);
         std::array::from_fn(|i| {
             if self.chain.joint_kind(i) != Some(JointKind::Revolute) {
                 return None;
@@ -134,7 +136,7 @@ impl<const N: usize> Criteria<'_, N> {
                 for k in 1..=steps {
                     q[i] = home[i] + direction * STEP * k as f64;
                     forward_kinematics(self.chain, &q, &mut kinematics);
-                    if manipulability(&kinematics, reach) < least && STEP * k as f64 > ROOM {
+                    if self.manipulability(&kinematics, reach) < least && STEP * k as f64 > ROOM {
                         break;
                     }
                     clear = STEP * k as f64;
@@ -152,15 +154,15 @@ impl<const N: usize> Criteria<'_, N> {
             bounded.then_some(within.map(|end| (end * 100.0).round() / 100.0))
         })
     }
-}
 
-/// √det(J Jᵀ) over the directions that the tool can be moved in, with lengths in units of the reach \[m\]; of fewer
-/// than six joints √det(Jᵀ J).
-fn manipulability<const N: usize>(kinematics: &Kinematics<N>, reach: f64) -> f64 {
-    let jacobian = &kinematics.tool_jacobian;
-    let scaled = Matrix6xX::from_fn(N, |row, column| {
-        jacobian[(row, column)] / if row < 3 { reach } else { 1.0 }
-    });
-    let values = scaled.svd(false, false).singular_values;
-    values.iter().product::<f64>().abs()
+    /// √det(J Jᵀ) over the coordinates that the skill moves, with lengths in units of the reach \[m\]; of fewer
+    /// joints √det(Jᵀ J).
+    fn manipulability(&self, kinematics: &Kinematics<N>, reach: f64) -> f64 {
+        let jacobian = &kinematics.tool_jacobian;
+        let scaled = DMatrix::from_fn(self.moved.len(), N, |i, column| {
+            let row = self.moved[i];
+            jacobian[(row, column)] / if row < 3 { reach } else { 1.0 }
+        });
+        scaled.svd(false, false).singular_values.iter().product::<f64>().abs()
+    }
 }
