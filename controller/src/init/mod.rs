@@ -6,6 +6,7 @@
 
 mod arm;
 mod limits;
+mod notes;
 mod pairs;
 mod posture;
 mod semantic;
@@ -13,7 +14,6 @@ mod text;
 mod tool;
 mod write;
 
-use core::fmt;
 use std::path::PathBuf;
 
 use nalgebra::SVector;
@@ -28,6 +28,7 @@ use tprmp_robot::{
 
 use crate::startup::{self, StartError, WithRobot};
 use arm::{Arm, Asked};
+pub use notes::{Note, NoteKind};
 use posture::Criteria;
 pub use semantic::SemanticError;
 
@@ -80,34 +81,6 @@ pub struct Options {
     pub force: bool,
 }
 
-/// Whether somebody has to look at what is told.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum NoteKind {
-    /// What was found or chosen.
-    Found,
-    /// What the description lacks: a default stands in its place.
-    Lack,
-}
-
-/// Something to be told.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Note {
-    /// Whether somebody has to look at it.
-    pub kind: NoteKind,
-    /// What it is.
-    pub text: String,
-}
-
-impl Note {
-    fn found(text: String) -> Self {
-        Self { kind: NoteKind::Found, text }
-    }
-
-    fn lack(text: String) -> Self {
-        Self { kind: NoteKind::Lack, text }
-    }
-}
-
 /// What was written.
 #[derive(Debug, Clone)]
 pub struct Initialised {
@@ -155,15 +128,6 @@ pub enum InitError {
     /// As [`Self::Refused`].
     #[error("what was written is not accepted: {0}")]
     Config(#[from] ConfigError),
-}
-
-impl fmt::Display for NoteKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Self::Found => "ok",
-            Self::Lack => "look",
-        })
-    }
 }
 
 /// What is the same for any number of joints.
@@ -219,7 +183,8 @@ pub fn init(options: &Options) -> Result<Initialised, InitError> {
         tool: options.tool.as_deref().or(semantic.tool.as_deref()),
         model_tool: model.as_ref().map(|model| model.tool_frame.as_str()),
     };
-    let mut arm = arm::find(&document, asked, &mut notes)?;
+    let wrong = |text| InitError::Arm { urdf: options.urdf.clone(), text };
+    let mut arm = arm::find(&document, asked, &mut notes).map_err(wrong)?;
     semantic.hold(&mut arm);
     let selection = Selection {
         base_link: arm.base_link.clone(),

@@ -5,7 +5,7 @@ use std::path::Path;
 use tprmp_model::skill_model::Manifold;
 use tprmp_spatial::Pose;
 
-use crate::demonstration::Demonstration;
+use crate::demonstration::recorded::Demonstration;
 use crate::file_error::FileError;
 
 /// A skill on R3xS1 leaves the tilt of the tool alone: one that is tilted by more, against its first pose in the first file, is no
