@@ -542,8 +542,10 @@ impl<const N: usize> Cycle<N> {
     }
 
     fn publish_command(&mut self, mode: CommandMode, reason: Reason, now_ns: u64) {
-        let (gripper, sequence) = (self.task.gripper(), self.inbox.state_sequence());
-        self.outbox.publish_command(&mut self.peers, (mode, reason), gripper, sequence, now_ns);
+        let Self { task, inbox, outbox, peers, .. } = self;
+        let answered = (inbox.state_sequence(), inbox.turns());
+        let answered = (answered.0, answered.1.as_slice());
+        outbox.publish_command(peers, (mode, reason), task.gripper(), answered, now_ns);
     }
 
     /// Counts the tick, publishes the status and connects to new peers.

@@ -1,6 +1,7 @@
 //! The newest messages, and how far they are believed.
 
 use glam::DQuat;
+use nalgebra::SVector;
 use tprmp_messages::{
     ControllerPorts, FrameSources, GripperState, NAME_CAPACITY, Reason, RobotMode, RobotState,
     STATE_BUFFER, Sample, Subscriber, joint_names_hash,
@@ -14,6 +15,7 @@ use crate::inputs::estimator::{JointState, StateEstimator};
 use crate::inputs::external::ExternalCommand;
 use crate::inputs::offender;
 use crate::inputs::scene::Scene;
+use crate::inputs::turns::ContinuousJoints;
 use crate::peers::Peers;
 use crate::timing::realtime::monotonic_ns;
 
@@ -97,7 +99,8 @@ impl<const N: usize> Inbox<N> {
                 state_age_max_ns,
                 states_lost_in_a_row_max.into(),
             )
-            .of_joints(joint_names_hash(chain.joint_names())),
+            .of_joints(joint_names_hash(chain.joint_names()))
+            .counting(ContinuousJoints::of(chain)),
             lockstep,
             frame_observer: config.frame_observer,
         }
@@ -175,6 +178,12 @@ impl<const N: usize> Inbox<N> {
     /// Why it cannot be believed.
     pub fn measured(&self, now_ns: u64) -> Result<(JointState<N>, u64), Reason> {
         self.estimator.measured(now_ns)
+    }
+
+    /// Whole turns by which the positions that are believed exceed those that were reported.
+    #[must_use]
+    pub fn turns(&self) -> SVector<f64, N> {
+        self.estimator.turns()
     }
 
     /// What was seen beside this reason at the time `now_ns` \[ns\], as far as messages say.
