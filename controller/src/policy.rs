@@ -11,7 +11,10 @@ use tprmp_rmpflow::leaves::{
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::policy::{SkillPolicy, SpeedGovernor};
 use tprmp_rmpflow::tree::{Resolved, Tree, TreeState};
-use tprmp_robot::{Chain, ControlPoints, Kinematics, SelfPairs, forward_kinematics_with_velocity};
+use tprmp_robot::{
+    Chain, ControlPoints, Kinematics, SelfPairs, forward_kinematics,
+    forward_kinematics_with_velocity,
+};
 use tprmp_spatial::{MovingPose, PointMotion, Pose, Twist};
 
 use crate::arm::{Arm, PointPlaces, part_pairs};
@@ -111,6 +114,11 @@ impl<const N: usize> Workspace<N> {
         self.skills.iter_mut().for_each(SkillState::restart);
     }
 
+    /// Whether the gripper holds something: then what it holds keeps clear of obstacles too.
+    pub fn hold(&mut self, holds: bool) {
+        self.places.hold(holds);
+    }
+
     /// The mode in which the first skill is done, once it was evaluated.
     #[must_use]
     pub fn choice(&self) -> Option<Choice> {
@@ -189,6 +197,12 @@ impl<const N: usize> RobotPolicy<N> {
     #[must_use]
     pub fn chain(&self) -> &Chain<N> {
         &self.arm.chain
+    }
+
+    /// Pose of the tool at joint positions \[rad or m\].
+    pub fn tool(&self, q: &SVector<f64, N>, workspace: &mut Workspace<N>) -> Pose {
+        forward_kinematics(&self.arm.chain, q, &mut workspace.kinematics);
+        workspace.kinematics.tool_pose()
     }
 
     /// What bounds the velocities that the first skill asks for.

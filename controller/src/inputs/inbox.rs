@@ -13,10 +13,12 @@ use tprmp_spatial::Pose;
 use crate::detail::{About, Detail};
 use crate::inputs::estimator::{JointState, StateEstimator};
 use crate::inputs::external::ExternalCommand;
+use crate::inputs::gripped::GrippedObstacle;
 use crate::inputs::offender;
 use crate::inputs::scene::Scene;
 use crate::inputs::turns::ContinuousJoints;
 use crate::peers::Peers;
+use crate::policy::TaskParameters;
 use crate::timing::realtime::monotonic_ns;
 
 /// The tool begins at its start frame where it is nearer than this \[m\] …
@@ -80,6 +82,7 @@ pub struct Inbox<const N: usize> {
     /// In lockstep states are received when they were measured.
     lockstep: bool,
     frame_observer: FrameObserver,
+    gripped: Option<GrippedObstacle>,
 }
 
 impl<const N: usize> Inbox<N> {
@@ -103,6 +106,9 @@ impl<const N: usize> Inbox<N> {
             .counting(ContinuousJoints::of(chain)),
             lockstep,
             frame_observer: config.frame_observer,
+            gripped: config.gripped.as_ref().map(|gripped| {
+                GrippedObstacle::new(gripped.centre_m.into(), gripped.obstacle_within_m)
+            }),
         }
     }
 
@@ -169,6 +175,33 @@ impl<const N: usize> Inbox<N> {
     /// Reads the newest frames again at the time `now_ns` \[ns\], for a scene that needs others.
     pub fn update_scene(&mut self, now_ns: u64) {
         self.scene_check = self.scene.update(&self.frames.at(now_ns), &self.frame_observer);
+    }
+
+    /// Whether the gripper `holds` something at the tool, at the time `now_ns` \[ns\]: then that is no obstacle.
+    pub fn hold(&mut self, holds: bool, tool: impl FnOnce() -> Pose, now_ns: u64) {
+        let Some(gripped) = &mut self.gripped else { return };
+        if !holds {
+            if gripped.release() {
+                self.update_scene(now_ns);
+            }
+            return;
+        }
+        let centre = tool().transform_point(gripped.centre_m);
+        if let Some(index) = gripped.find(self.scene.obstacles(), centre) {
+            self.scene.leave_out(index);
+        }
+    }
+
+    /// The task parameters of a tick of `dt` \[s\], as the newest messages have them.
+    #[must_use]
+    pub fn parameters(&self, dt: f64) -> TaskParameters<'_> {
+        TaskParameters {
+            frames: self.scene.frames(),
+            goal_frame: self.scene.goal_frame(),
+            obstacles: self.scene.obstacles(),
+            external: self.external.as_ref(),
+            dt_s: dt,
+        }
     }
 
     /// The joints as measured, where the newest state can be believed at the time `now_ns` \[ns\], and

@@ -3,6 +3,7 @@
 pub mod estimator;
 pub mod external;
 pub mod frozen;
+pub mod gripped;
 pub mod inbox;
 pub mod measured;
 pub mod offender;
