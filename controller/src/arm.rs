@@ -5,7 +5,7 @@ use core::ops::Range;
 
 use glam::DVec3;
 use nalgebra::SVector;
-use tprmp_model::controller_config::{ControllerConfig, ExemptObstacle, Exemption};
+use tprmp_model::controller_config::{ControllerConfig, ExemptObstacle, Exemption, Gripped};
 use tprmp_rmpflow::leaves::{Body, Obstacle, Part, Shape};
 use tprmp_robot::{
     CONTROL_POINT_CAPACITY, Chain, ControlPoint, ControlPoints, Kinematics, SelfPairs,
@@ -22,8 +22,10 @@ pub struct Arm<const N: usize> {
     pub chain: Chain<N>,
     /// Least and greatest positions of its working range \[rad or m\].
     pub range: [SVector<f64, N>; 2],
+    /// Those of the links, then those of what the gripper holds.
     points: Vec<AvoidingPoint>,
     parts: Vec<LinkPart>,
+    gripped_points: usize,
 }
 
 /// Where its control points are in the last posture.
@@ -32,27 +34,42 @@ pub struct PointPlaces<const N: usize> {
     part_centres: Vec<DVec3>,
     centres: OnDemand<DVec3>,
     motions: OnDemand<PointMotion<N>>,
+    /// Whether the gripper holds what has points of its own.
+    holds: bool,
+}
+
+impl<const N: usize> PointPlaces<N> {
+    /// Whether the gripper holds something from now on.
+    pub fn hold(&mut self, holds: bool) {
+        self.holds = holds;
+    }
 }
 
 impl<const N: usize> Arm<N> {
     /// Puts the control points of a configuration on an arm. Allocates: at start-up only.
     #[must_use]
     pub fn new(chain: Chain<N>, control_points: &ControlPoints, config: &ControllerConfig) -> Self {
-        let points = control_points.as_slice().iter().map(|point| {
-            let link = &chain.moving_links()[point.link].0;
+        let avoiding = |point: &ControlPoint, link: &str| {
             let exempt = config.collision.iter().flat_map(|collision| &collision.exempt);
-            let of_link = |e: &&Exemption| e.link == *link;
+            let of_link = |e: &&Exemption| e.link == link;
             let from_axis = point.centre.x.hypot(point.centre.y);
             let within = |e: &Exemption| e.extent.acts_within(from_axis).map(|w| (e.obstacle, w));
             AvoidingPoint {
                 point: *point,
                 exempt: exempt.filter(of_link).filter_map(within).collect(),
             }
-        });
+        };
         let avoids = config.collision.is_some() || config.self_collision.is_some();
-        let points = if avoids { points.collect() } else { vec![] };
-        let parts = LinkPart::of(&control_points.as_slice()[..points.len()]);
-        Self { range: working_range(&chain, &config.robot), points, parts, chain }
+        let own = if avoids { control_points.as_slice() } else { &[] };
+        let gripped = config.gripped.as_ref().filter(|_| config.collision.is_some());
+        let gripped = gripped.map_or(vec![], |gripped| gripped_points(&chain, gripped));
+        let links = own.iter().map(|point| &*chain.moving_links()[point.link].0);
+        let mut points: Vec<_> = own.iter().zip(links).map(|(p, link)| avoiding(p, link)).collect();
+        points.extend(gripped.iter().map(|point| avoiding(point, &config.robot.tool_link)));
+        let mut parts = LinkPart::of(own);
+        parts.extend((!gripped.is_empty()).then(|| LinkPart::around(&gripped, own.len())));
+        let (range, gripped_points) = (working_range(&chain, &config.robot), gripped.len());
+        Self { range, points, parts, gripped_points, chain }
     }
 
     /// Room for a posture. Allocates: at start-up only.
@@ -62,6 +79,7 @@ impl<const N: usize> Arm<N> {
             part_centres: vec![DVec3::NAN; self.parts.len()],
             centres: OnDemand::new(self.points.len(), DVec3::NAN),
             motions: OnDemand::new(self.points.len(), PointMotion::UNDEFINED),
+            holds: false,
         }
     }
 
@@ -105,18 +123,35 @@ impl LinkPart {
         let mut first = 0;
         let runs = points.chunk_by(|a, b| a.link == b.link);
         runs.map(|run| {
-            let points = first..first + run.len();
-            first = points.end;
-            let corner = |f: fn(DVec3, DVec3) -> DVec3| {
-                run.iter().map(|point| point.centre).reduce(f).unwrap_or(DVec3::NAN)
-            };
-            let centre = 0.5 * (corner(DVec3::min) + corner(DVec3::max));
-            let reach = |point: &ControlPoint| point.centre.distance(centre) + point.radius;
-            let radius = run.iter().map(reach).fold(0.0, f64::max);
-            Self { points, joint: run[0].joint, centre, radius }
+            let part = Self::around(run, first);
+            first = part.points.end;
+            part
         })
         .collect()
     }
+
+    /// A part of these points of one link, the first of which has this number.
+    fn around(run: &[ControlPoint], first: usize) -> Self {
+        let corner = |f: fn(DVec3, DVec3) -> DVec3| {
+            run.iter().map(|point| point.centre).reduce(f).unwrap_or(DVec3::NAN)
+        };
+        let centre = 0.5 * (corner(DVec3::min) + corner(DVec3::max));
+        let reach = |point: &ControlPoint| point.centre.distance(centre) + point.radius;
+        let radius = run.iter().map(reach).fold(0.0, f64::max);
+        Self { points: first..first + run.len(), joint: run[0].joint, centre, radius }
+    }
+}
+
+/// The spheres of what the gripper holds, fixed to the last joint.
+fn gripped_points<const N: usize>(chain: &Chain<N>, gripped: &Gripped) -> Vec<ControlPoint> {
+    let link = chain.moving_links().iter().position(|(name, _)| name == chain.tool_link());
+    let spheres = gripped.spheres.iter().map(|sphere| ControlPoint {
+        link: link.unwrap_or(0),
+        joint: N - 1,
+        centre: chain.of_tool(sphere.position_m.into()),
+        radius: sphere.radius_m,
+    });
+    spheres.collect()
 }
 
 /// A point that may come near an obstacle does so at its goal; elsewhere it keeps clear within this fraction
@@ -182,11 +217,13 @@ impl<const N: usize> Links<'_, N> {
 
 impl<const N: usize> Body<N> for Links<'_, N> {
     fn count(&self) -> usize {
-        self.arm.points.len()
+        let left_out = if self.places.holds { 0 } else { self.arm.gripped_points };
+        self.arm.points.len() - left_out
     }
 
     fn part_count(&self) -> usize {
-        self.places.part_centres.len()
+        let left_out = !self.places.holds && self.arm.gripped_points > 0;
+        self.places.part_centres.len() - usize::from(left_out)
     }
 
     fn part(&self, k: usize) -> Part {

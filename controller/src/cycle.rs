@@ -9,7 +9,9 @@
 use core::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 
-use tprmp_messages::{CommandMode, ControllerPorts, GripperCommand, LifeCycle, Reason};
+use tprmp_messages::{
+    CommandMode, ControllerPorts, GripperCommand, GripperState, LifeCycle, Reason,
+};
 use tprmp_model::controller_config::{ControllerConfig, Fallback, Trigger};
 
 use crate::control::journal::Entry;
@@ -100,7 +102,7 @@ impl<const N: usize> Cycle<N> {
             task,
             stall: StallDetector::default(),
             rounds: RoundCounter::default(),
-            motion: MotionGenerator::new(limits, config),
+            motion: MotionGenerator::new(limits, config).gripping(policy.chain(), config),
             braking_for: None,
             lasts: false,
             time_stands: false,
@@ -191,6 +193,7 @@ impl<const N: usize> Cycle<N> {
             self.check_gap(&wake);
             self.check_stop(stop, now_ns);
             let measured = self.measure(now_ns);
+            self.hold(measured.as_ref().ok(), now_ns, dt);
             let followed = self
                 .permit(measured, now_ns, dt)
                 .and_then(|state| self.follow_policy(&state, dt, now_ns));
@@ -327,6 +330,17 @@ impl<const N: usize> Cycle<N> {
         Ok(joints)
     }
 
+    /// What the gripper holds counts: its mass, its shape, and that it is no obstacle.
+    fn hold(&mut self, measured: Option<&JointState<N>>, now_ns: u64, dt: f64) {
+        let Self { motion, policy, workspace, inbox, .. } = self;
+        let holds = inbox.gripper() == Ok(GripperState::Holding);
+        motion.hold(holds, dt);
+        workspace.hold(holds);
+        if let Some(state) = measured {
+            inbox.hold(holds, || policy.tool_pose(&state.position, workspace), now_ns);
+        }
+    }
+
     /// What was seen beside this reason, which the arm is brought to rest for.
     fn detail_of(&self, reason: Reason, measured: Option<&JointState<N>>, now_ns: u64) -> Detail {
         match (reason, measured, self.frozen.found()) {
@@ -420,7 +434,7 @@ impl<const N: usize> Cycle<N> {
             let tool = self.policy.tool_pose(q, &mut self.workspace);
             self.inbox.start_at(&tool, now_ns).map_err(|detail| self.note(detail))?;
         }
-        let parameters = parameters(&self.inbox, dt);
+        let parameters = self.inbox.parameters(dt);
         let decision = self
             .policy
             .evaluate(q, qd, &self.task.task(), &parameters, &mut self.workspace)
@@ -530,7 +544,7 @@ impl<const N: usize> Cycle<N> {
             (Fallback::Retreat(_), _) => Retreat::Request,
         };
         let Self { policy, workspace, motion, inbox, .. } = self;
-        let parameters = TaskParameters { external: None, ..parameters(inbox, dt) };
+        let parameters = TaskParameters { external: None, ..inbox.parameters(dt) };
         let at = (&state.position, &state.velocity);
         let resolved = policy.retreat(retreat, at, &parameters, workspace).ok()??;
         let closing_1_s = resolved.proximity.closing_1_s;
@@ -546,8 +560,10 @@ impl<const N: usize> Cycle<N> {
     }
 
     fn publish_command(&mut self, mode: CommandMode, reason: Reason, now_ns: u64) {
-        let (gripper, sequence) = (self.task.gripper(), self.inbox.state_sequence());
-        self.outbox.publish_command(&mut self.peers, (mode, reason), gripper, sequence, now_ns);
+        let Self { task, inbox, outbox, peers, .. } = self;
+        let turns = inbox.turns();
+        let answered = (inbox.state_sequence(), turns.as_slice());
+        outbox.publish_command(peers, (mode, reason), task.gripper(), answered, now_ns);
     }
 
     /// Counts the tick, publishes the status and connects to new peers.
@@ -582,17 +598,5 @@ impl<const N: usize> Cycle<N> {
         let Self { outbox, peers, telemetry, inbox, .. } = self;
         let measured = (times, inbox.states_lost());
         outbox.publish_status(peers, (life_cycle, reason), telemetry, measured, now_ns);
-    }
-}
-
-/// The task parameters of a tick of `dt` \[s\], as the newest messages have them.
-fn parameters<const N: usize>(inbox: &Inbox<N>, dt: f64) -> TaskParameters<'_> {
-    let Inbox { scene, external, .. } = inbox;
-    TaskParameters {
-        frames: scene.frames(),
-        goal_frame: scene.goal_frame(),
-        obstacles: scene.obstacles(),
-        external: external.as_ref(),
-        dt_s: dt,
     }
 }

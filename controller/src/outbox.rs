@@ -7,6 +7,7 @@ use tprmp_messages::{
 };
 use tprmp_model::controller_config::Loop;
 
+use crate::inputs::turns::add_turns;
 use crate::motion::generator::Setpoint;
 use crate::peers::Peers;
 use crate::task::state::Remaining;
@@ -73,13 +74,14 @@ impl Outbox {
         self.status.energy_j = energy_j;
     }
 
-    /// Publishes the command that answers the state of this sequence number.
+    /// Publishes the command that answers the state of this sequence number: its positions in the turns of that
+    /// state, in which the joints have so many `turns` more here.
     pub fn publish_command(
         &mut self,
         peers: &mut Peers,
         (mode, reason): (CommandMode, Reason),
         gripper: GripperCommand,
-        state_sequence: u64,
+        (state_sequence, turns): (u64, &[f64]),
         now_ns: u64,
     ) {
         let command = &mut self.command;
@@ -90,8 +92,12 @@ impl Outbox {
         command.mode = mode.to_wire();
         command.reason = reason.to_wire();
         command.gripper_command = gripper.to_wire();
+        let mut published = *command;
+        for (position, turns) in published.position.iter_mut().zip(turns) {
+            *position = add_turns(*position, -turns);
+        }
         // A command that cannot be sent expires: the robot brakes.
-        let _ = peers.exchange(|ports| ports.command.publish(self.command));
+        let _ = peers.exchange(|ports| ports.command.publish(published));
     }
 
     /// Publishes the status where it is due.

@@ -115,6 +115,11 @@ impl<const N: usize> Workspace<N> {
         self.skills.iter_mut().for_each(SkillState::restart);
     }
 
+    /// Whether the gripper holds something: then what it holds keeps clear of obstacles too.
+    pub fn hold(&mut self, holds: bool) {
+        self.places.hold(holds);
+    }
+
     /// The mode in which the first skill is done, once it was evaluated.
     #[must_use]
     pub fn choice(&self) -> Option<Choice> {

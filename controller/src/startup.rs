@@ -11,7 +11,9 @@ use tprmp_model::controller_config::{
 };
 use tprmp_model::skill_model::{self, ModelError, SkillModel};
 use tprmp_rmpflow::policy::SkillPolicy;
-use tprmp_robot::{Chain, ControlPointError, ControlPoints, Document, UrdfError};
+use tprmp_robot::{
+    CONTROL_POINT_CAPACITY, Chain, ControlPointError, ControlPoints, Document, UrdfError,
+};
 
 use crate::control::requests::Setting;
 use crate::control::server::{Replacement, Shared};
@@ -327,6 +329,12 @@ pub fn robot_of<const N: usize>(
     };
     let points =
         points.map_err(|source| StartError::ControlPoints { urdf: urdf.clone(), source })?;
+    let gripped = config.gripped.as_ref().map_or(0, |gripped| gripped.spheres.len());
+    let room = CONTROL_POINT_CAPACITY - points.as_slice().len();
+    if gripped > room {
+        let expected = format!("at most {room}, so many as the arm's own spheres leave");
+        return Err(StartError::key(config_path, "gripped.spheres", expected, gripped));
+    }
     check_kept_clear(config_path, config, &uncovered_links(&chain, document, &points), &links)?;
     Ok((chain, points))
 }

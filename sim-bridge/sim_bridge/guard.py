@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -43,6 +43,9 @@ class JointBounds:
     """Greatest accelerations [rad/s² or m/s²]."""
     deceleration: Sequence[float]
     """How hard the robot brakes [rad/s² or m/s²]."""
+    continuous: Collection[int] = ()
+    """Joints, counted from 0, that rotate without an end: steps of theirs are measured modulo a turn,
+    as a robot that reports them within one is commanded."""
 
 
 @dataclass(frozen=True)
@@ -256,8 +259,11 @@ class CommandGuard:
         for joint in range(self._joints):
             speed = limits.speed_max[joint]
             position, velocity = command.position[joint], command.velocity[joint]
+            step = abs(position - before.position[joint])
+            if joint in limits.continuous and step > math.pi:
+                step = abs(step - math.tau)
             for why, found, most in (
-                (cause, abs(position - before.position[joint]), speed * reach_s),
+                (cause, step, speed * reach_s),
                 (
                     cause,
                     abs(velocity - before.velocity[joint]),

@@ -1,6 +1,7 @@
 //! The guard of commands beside a controller; and that the one in Rust and the one in Python judge the
 //! same stream alike.
 
+use std::f64::consts::TAU;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
@@ -44,7 +45,7 @@ impl Draw {
 fn spoil(command: &mut JointCommand, draw: &mut Draw) {
     let joint = draw.below(8);
     let bits = draw.next();
-    match draw.below(18) {
+    match draw.below(19) {
         0 => command.sequence = 1,
         1 => command.sequence = bits,
         2 => command.state_sequence = bits,
@@ -62,6 +63,7 @@ fn spoil(command: &mut JointCommand, draw: &mut Draw) {
         14 => command.position[joint] += 0.2 * draw.unit(),
         15 => command.velocity[joint] += 0.2 * draw.unit(),
         16 => command.velocity[joint] = f64::from_bits(bits),
+        17 => command.position[joint] += TAU * (bits % 5) as f64 - 2.0 * TAU,
         _ => {
             let lists = [&mut command.acceleration, &mut command.torque, &mut command.position];
             for list in lists {
@@ -91,6 +93,7 @@ fn case(draw: &mut Draw, torque: bool, seen: &mut [u64]) -> (Value, u64) {
         speed_max: core::array::from_fn(|_| 2.0 + draw.unit()),
         acceleration_max: core::array::from_fn(|_| 20.0 + 5.0 * draw.unit()),
         deceleration: core::array::from_fn(|_| 10.0 + 5.0 * draw.unit()),
+        continuous: core::array::from_fn(|_| draw.below(2) == 0),
     });
     let mut guard = CommandGuard::new(joints, Bounds { joints: bounds, ..Bounds::default() });
     let mut state = RobotState { joint_count: joints as u32, ..Default::default() };
@@ -120,6 +123,10 @@ fn case(draw: &mut Draw, torque: bool, seen: &mut [u64]) -> (Value, u64) {
         if draw.below(100) == 0 {
             state.position[0] = f64::NAN;
         }
+        if draw.below(20) == 0 {
+            // Reported in another turn.
+            state.position[draw.below(joints)] -= TAU;
+        }
         if draw.below(4) == 0 {
             spoil(&mut command, draw);
         }
@@ -148,7 +155,10 @@ fn case(draw: &mut Draw, torque: bool, seen: &mut [u64]) -> (Value, u64) {
     }
     let counts: serde_json::Map<_, _> =
         guard.counts().found().map(|(cause, count)| (cause.name().into(), count.into())).collect();
-    let bounds = bounds.map(|b| json!([b.speed_max, b.acceleration_max, b.deceleration]));
+    let bounds = bounds.map(|b| {
+        let continuous: Vec<_> = (0..joints).filter(|&joint| b.continuous[joint]).collect();
+        json!([b.speed_max, b.acceleration_max, b.deceleration, continuous])
+    });
     (json!({"joints": joints, "bounds": bounds, "counts": counts, "ticks": ticks}), obeyed)
 }
 

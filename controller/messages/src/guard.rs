@@ -25,6 +25,7 @@
 //! println!("{}", guard.last_fault().unwrap()); // command 1 has expired …
 //! ```
 
+use core::f64::consts::{PI, TAU};
 use core::fmt;
 
 use crate::messages::{
@@ -52,16 +53,21 @@ pub struct JointBounds {
     pub acceleration_max: Joints,
     /// How hard the robot brakes \[rad/s² or m/s²\].
     pub deceleration: Joints,
+    /// Joints that rotate without an end: steps of theirs are measured modulo a turn, as a robot that reports them
+    /// within one is commanded.
+    pub continuous: [bool; JOINT_CAPACITY],
 }
 
 impl JointBounds {
-    /// The same for all joints: speed \[rad/s or m/s\], acceleration and deceleration \[rad/s² or m/s²\].
+    /// The same for all joints, none of them continuous: speed \[rad/s or m/s\], acceleration and deceleration
+    /// \[rad/s² or m/s²\].
     #[must_use]
     pub const fn same(speed_max: f64, acceleration_max: f64, deceleration: f64) -> Self {
         Self {
             speed_max: [speed_max; JOINT_CAPACITY],
             acceleration_max: [acceleration_max; JOINT_CAPACITY],
             deceleration: [deceleration; JOINT_CAPACITY],
+            continuous: [false; JOINT_CAPACITY],
         }
     }
 }
@@ -449,8 +455,12 @@ impl CommandGuard {
         for joint in 0..self.joints {
             let speed = bounds.speed_max[joint];
             let (p, v) = (command.position[joint], command.velocity[joint]);
+            let mut step = (p - position[joint]).abs();
+            if bounds.continuous[joint] && step > PI {
+                step = (step - TAU).abs();
+            }
             for (cause, found, most) in [
-                (cause, (p - position[joint]).abs(), speed * reach_s),
+                (cause, step, speed * reach_s),
                 (cause, (v - velocity[joint]).abs(), bounds.acceleration_max[joint] * reach_s),
                 (Cause::Step, v.abs(), STEP_FACTOR * speed),
             ] {

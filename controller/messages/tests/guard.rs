@@ -1,5 +1,7 @@
 //! Which commands are obeyed, how the robot comes to rest, and that no bits of a command get around it.
 
+use core::f64::consts::TAU;
+
 use proptest::prelude::*;
 use tprmp_messages::{
     Action, Bounds, Cause, CommandGuard, CommandMode, GripperCommand, JointBounds, JointCommand,
@@ -49,6 +51,34 @@ fn obeying() -> CommandGuard {
     let mut guard = guard();
     assert!(obeys(&guard.judge(T0, Some(&command(7, T0)), &state([0.0; 2]))));
     guard
+}
+
+/// In either direction; a joint that ends somewhere does not, nor is another jump one.
+#[test]
+fn a_continuous_joint_may_leap_by_a_turn_and_by_nothing_else() {
+    let mut joints = JointBounds::same(2.0, 20.0, 10.0);
+    joints.continuous[0] = true;
+    for (joint, leap, is_obeyed) in [
+        (0, TAU, true),
+        (0, -TAU, true),
+        (0, 2.0 * TAU, false),
+        (0, TAU - 0.5, false),
+        (0, 0.5 * TAU, false),
+        (1, TAU, false),
+    ] {
+        // From the last command, and from the measured state.
+        for is_obeying in [true, false] {
+            let mut guard =
+                CommandGuard::new(2, Bounds { joints: Some(joints), ..Bounds::default() });
+            if is_obeying {
+                assert!(obeys(&guard.judge(T0, Some(&command(7, T0)), &state([0.0; 2]))));
+            }
+            let mut next = command(8, T0 + MS);
+            next.position[joint] = leap + 0.001;
+            let action = guard.judge(T0 + MS, Some(&next), &state([0.0; 2]));
+            assert_eq!(obeys(&action), is_obeyed, "{joint} {leap} {is_obeying}");
+        }
+    }
 }
 
 #[test]

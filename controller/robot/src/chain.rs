@@ -10,8 +10,9 @@ use crate::description::{
 };
 use crate::document::Document;
 use crate::error::{UrdfError, UrdfErrorKind, UrdfFault};
+use crate::payload::Payload;
 use crate::placement::Placement;
-use crate::selection::Selection;
+use crate::selection::{PointMass, Selection};
 use crate::urdf;
 
 /// A serial chain of `N` movable joints between the root link and a tool link. Immutable.
@@ -57,7 +58,16 @@ impl<const N: usize> Chain<N> {
             .and_then(|description| {
                 Self::from_description(description).map_err(|kind| vec![UrdfFault::new(kind)])
             })
+            .map(|chain| match &selection.payload {
+                Some(body) => chain.carrying(body),
+                None => chain,
+            })
             .map_err(|faults| UrdfError::of(&document.file, faults))
+    }
+
+    fn carrying(mut self, body: &PointMass) -> Self {
+        self.joints[N - 1].inertia = Payload::new(&self, body).with_last(&self);
+        self
     }
 
     fn from_description(description: ChainDescription) -> Result<Self, UrdfErrorKind> {
@@ -114,6 +124,11 @@ impl<const N: usize> Chain<N> {
     /// is an index into [`Chain::moving_links`]. `None` when there is no such link.
     pub fn in_joint_frame(&self, link: usize, point: DVec3) -> Option<DVec3> {
         self.link_placements.get(link).map(|placement| placement.transform_point(point))
+    }
+
+    /// Where `point` [m] in the tool's frame lies in that of the last joint.
+    pub fn of_tool(&self, point: DVec3) -> DVec3 {
+        self.tool.transform_point(point)
     }
 
     /// Lower position limits [rad or m]; −∞ for a continuous joint.

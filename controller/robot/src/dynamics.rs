@@ -8,6 +8,7 @@ use crate::chain::Chain;
 use crate::description::JointKind;
 use crate::inertia::SpatialInertia;
 use crate::kinematics::{joint_placement, joint_placements};
+use crate::payload::Payload;
 use crate::placement::Placement;
 use crate::trigonometry::sin_cos;
 
@@ -37,6 +38,19 @@ pub fn inverse_dynamics<const N: usize>(
     q_dd: &SVector<f64, N>,
     gravity: DVec3,
 ) -> SVector<f64, N> {
+    inverse_dynamics_with(chain, &Payload::NONE, q, q_d, q_dd, gravity)
+}
+
+/// As [`inverse_dynamics`], with a payload.
+pub fn inverse_dynamics_with<const N: usize>(
+    chain: &Chain<N>,
+    payload: &Payload,
+    q: &SVector<f64, N>,
+    q_d: &SVector<f64, N>,
+    q_dd: &SVector<f64, N>,
+    gravity: DVec3,
+) -> SVector<f64, N> {
+    let last = payload.with_last(chain);
     let (sines, cosines) = sin_cos(&q.data.0[0]);
     let mut placements = [Placement::IDENTITY; N];
     // Of each body, about its joint frame's origin.
@@ -64,7 +78,7 @@ pub fn inverse_dynamics<const N: usize>(
                 acceleration.z += q_dd[i];
             }
         }
-        let body = &joint.inertia;
+        let body = if i + 1 < N { &joint.inertia } else { &last };
         let h = body.first_moment;
         wrenches[i] = Wrench {
             force: body.mass * acceleration + alpha.cross(h) + omega.cross(omega.cross(h)),
@@ -104,11 +118,22 @@ pub fn gravity_torques<const N: usize>(
     q: &SVector<f64, N>,
     gravity: DVec3,
 ) -> SVector<f64, N> {
+    gravity_torques_with(chain, &Payload::NONE, q, gravity)
+}
+
+/// As [`gravity_torques`], with a payload.
+pub fn gravity_torques_with<const N: usize>(
+    chain: &Chain<N>,
+    payload: &Payload,
+    q: &SVector<f64, N>,
+    gravity: DVec3,
+) -> SVector<f64, N> {
+    let last = payload.with_last(chain);
     let placements = joint_placements(chain, q);
     let mut torques = SVector::zeros();
     let (mut mass, mut first_moment) = (0.0, DVec3::ZERO);
     for i in (0..N).rev() {
-        let body = &chain.joints[i].inertia;
+        let body = if i + 1 < N { &chain.joints[i].inertia } else { &last };
         mass += body.mass;
         let Placement { rotation, position } = placements[i];
         first_moment += rotation * body.first_moment + body.mass * position;

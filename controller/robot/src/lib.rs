@@ -54,6 +54,7 @@ mod foreign;
 mod inertia;
 mod kinematics;
 mod limits;
+mod payload;
 mod placement;
 mod plausibility;
 mod postures;
@@ -75,14 +76,16 @@ pub use control_points::{
 pub use description::{CollisionGeometry, CollisionShape, JointKind};
 pub use document::Document;
 pub use dynamics::{
-    DynamicsError, forward_dynamics, gravity_torques, inverse_dynamics, mass_matrix,
+    DynamicsError, forward_dynamics, gravity_torques, gravity_torques_with, inverse_dynamics,
+    inverse_dynamics_with, mass_matrix,
 };
 pub use error::{BranchJoint, LackingLimits, UrdfError, UrdfErrorKind, UrdfFault};
 pub use kinematics::{
     Kinematics, forward_kinematics, forward_kinematics_with_velocity, point_motion, point_position,
 };
+pub use payload::Payload;
 pub use plausibility::{Remark, remarks};
 pub use postures::spread_posture;
-pub use selection::{Interface, LimitOverride, Selection};
+pub use selection::{Interface, LimitOverride, PointMass, Selection};
 pub use self_pairs::{Ignored, SelfPairs};
 pub use urdf::{JOINTS_MAX, JOINTS_MIN, count_joints};

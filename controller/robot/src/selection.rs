@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use glam::DVec3;
 use tprmp_spatial::Pose;
 
 /// Which chain of a URDF is the robot.
@@ -13,6 +14,8 @@ pub struct Selection {
     pub tool_link: String,
     /// Where the tool `E` is in that link's frame, when it is not the link itself.
     pub tool_offset: Option<Pose>,
+    /// What the tool carries all the time beside what the file says, as if it were a part of the last link.
+    pub payload: Option<PointMass>,
     /// Joints that are held, as if they were fixed, and where: those of a gripper, for example
     /// [rad or m]. What mimics one of them follows it.
     pub held_joints: BTreeMap<String, f64>,
@@ -22,6 +25,15 @@ pub struct Selection {
     pub interface: Interface,
     /// Whether the collision shapes matter to nobody: then they are neither read nor judged.
     pub ignores_shapes: bool,
+}
+
+/// A body on the tool. What its mass is spread over does not count.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PointMass {
+    /// Mass [kg].
+    pub mass: f64,
+    /// Centre of mass in the tool's frame `E` [m].
+    pub centre: DVec3,
 }
 
 /// What a robot is commanded by.

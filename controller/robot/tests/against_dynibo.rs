@@ -9,8 +9,9 @@ use dynibo::Robot;
 use glam::{DMat3, DVec3};
 use nalgebra::{DMatrix, SMatrix, SVector};
 use tprmp_robot::{
-    Chain, Kinematics, Selection, forward_dynamics, forward_kinematics_with_velocity,
-    gravity_torques, inverse_dynamics, mass_matrix,
+    Chain, Kinematics, Payload, PointMass, Selection, forward_dynamics,
+    forward_kinematics_with_velocity, gravity_torques, gravity_torques_with, inverse_dynamics,
+    inverse_dynamics_with, mass_matrix,
 };
 
 /// The gravity that dynibo has built in [m/s²].
@@ -130,4 +131,34 @@ fn franka_panda_with_its_fingers_held() {
 fn kuka_iiwa() {
     let file = pybullet_file("kuka_iiwa/model.urdf");
     compare(&Chain::<7>::from_urdf(&file, "lbr_iiwa_link_7").unwrap(), &file, 0, 5);
+}
+
+/// The oracle has the payload as a link of its own, at the end of the tool.
+#[test]
+fn ur5_with_a_payload_of_the_selection_and_with_one_that_is_given() {
+    let body = PointMass { mass: 1.5, centre: DVec3::new(0.03, -0.05, 0.08) };
+    let link = r#"<link name="payload"><inertial><origin xyz="0.03 -0.05 0.08"/><mass value="1.5"/>
+        <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link>
+        <joint name="payload_joint" type="fixed"><parent link="suction_tip"/><child link="payload"/></joint>
+        </robot>"#;
+    let text = std::fs::read_to_string(robot_file("ur5.urdf")).unwrap();
+    assert!(text.contains("name=\"suction_tip\""));
+    let oracle = Path::new(env!("CARGO_TARGET_TMPDIR")).join("ur5_with_payload.urdf");
+    std::fs::write(&oracle, text.replace("</robot>", link)).unwrap();
+    let selection = Selection { payload: Some(body), .."suction_tip".into() };
+    let carrying = Chain::<6>::from_urdf(robot_file("ur5.urdf"), selection).unwrap();
+    compare(&carrying, &oracle, 0, 6);
+    let (bare, payload) = (ur5(), Payload::new(&ur5(), &body));
+    for [q, q_d, q_dd] in states::<6>(7) {
+        let expected = inverse_dynamics(&carrying, &q, &q_d, &q_dd, GRAVITY);
+        let found = inverse_dynamics_with(&bare, &payload, &q, &q_d, &q_dd, GRAVITY);
+        close("inverse dynamics", found, expected);
+        let [with, without] = [&carrying, &bare].map(|chain| gravity_torques(chain, &q, GRAVITY));
+        close("gravity", gravity_torques_with(&bare, &payload, &q, GRAVITY), with);
+        let half = gravity_torques_with(&bare, &payload.scaled(0.5), &q, GRAVITY);
+        close("half of it", half, (with + without) * 0.5);
+        let none = gravity_torques_with(&bare, &payload.scaled(0.0), &q, GRAVITY);
+        assert_eq!(none, without, "to the last bit");
+        assert!((with - without).amax() > 1.0);
+    }
 }

@@ -18,6 +18,8 @@ const FRAMES_GONE_NS: f64 = 1e10;
 const SIMULATED_MAX_NS: f64 = 3.6e12;
 /// CLOCK_REALTIME counts from 1970: later than this \[ns\].
 const REALTIME_MIN_NS: f64 = 1.0e18;
+/// A joint that is reported modulo a turn leaps by one but for less than this \[rad\].
+const TURN_NEAR_RAD: f64 = 0.1;
 
 /// What was seen, in words; `None` where there is nothing to add to the reason.
 #[must_use]
@@ -65,6 +67,9 @@ fn joint_text(snapshot: &Snapshot) -> Option<String> {
                 "it is where it was if these are degrees: publish radians"
             } else if (least.to_radians() - seen).abs() < 0.05 {
                 "it was in degrees before"
+            } else if ((seen - least).abs() - core::f64::consts::TAU).abs() < TURN_NEAR_RAD {
+                "it jumped by 2π: the robot reports this joint modulo a turn; unwrap it in the publisher, or \
+                 make the joint `continuous` in the URDF"
             } else {
                 "likely a reading that is wrong, or another source of states"
             };
@@ -374,6 +379,9 @@ mod tests {
                 said(About::PositionJump, 90.0, [core::f64::consts::FRAC_PI_2, 0.1]),
                 "publish radians",
             ),
+            (said(About::PositionJump, -3.141, [3.144, 0.1]), "jumped by 2π"),
+            (said(About::PositionJump, 6.2, [-0.03, 0.1]), "jumped by 2π"),
+            (said(About::PositionJump, -3.141, [2.9, 0.1]), "a reading that is wrong"),
             (said(About::Clock, 1.7e18, [now, 5e7]), "CLOCK_REALTIME"),
             (said(About::Clock, now * 1e-3, [now, 5e7]), "microseconds"),
             (said(About::Clock, now * 1e-9, [now, 5e7]), "seconds"),

@@ -123,6 +123,7 @@ fn robot(
     );
     text.comment("The link that the skill moves.").key("tool_link", &quoted(&arm.tool_link));
     text.comment(tool_reason).key("tool_offset", tool_offset);
+    text.comment("A default: nothing beside the URDF's links.").key("payload", "None");
     let held: Vec<_> =
         arm.held_joints.iter().map(|(name, at)| format!("{}: {at:?}", quoted(name))).collect();
     text.comment(
@@ -333,6 +334,7 @@ fn reach() -> String {
     let mut text = Text::new(1);
     text.comment("The goal may be approached from any side.").key("approach", "None");
     text.comment("No gripper: the skill itself is the task.").key("lift", "None");
+    text.key("gripped", "None");
     text.comment("A default: so near the skill has done what it was learned for.");
     text.key("done", "(distance_m: 0.002, angle_rad: 0.02)");
     text.finish()

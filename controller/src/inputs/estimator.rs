@@ -3,23 +3,17 @@
 //! Position, velocity and time stamp of a state are judged together, against the state that was believed
 //! last, by what the joints can do. What is new is told from what is old by sequence and stamp. A state that
 //! contradicts the last one is not believed, whatever its numbers: those that follow have to confirm it, for
-//! a time.
+//! a time. A joint without limits that is reported within a turn is counted on in whole turns.
 
 use nalgebra::SVector;
 use tprmp_messages::{Reason, RobotState};
 
 use crate::detail::{About, Detail};
+pub use crate::inputs::measured::JointState;
+use crate::inputs::measured::Measured;
 use crate::inputs::offender;
+use crate::inputs::turns::ContinuousJoints;
 use crate::inputs::velocity::VelocityWatch;
-
-/// Positions and velocities of the joints.
-#[derive(Debug, Clone, Copy)]
-pub struct JointState<const N: usize> {
-    /// q \[rad or m\].
-    pub position: SVector<f64, N>,
-    /// q̇ \[rad/s or m/s\].
-    pub velocity: SVector<f64, N>,
-}
 
 /// A measured speed beyond this multiple of the joint's limit is not believed.
 const SPEED_MULTIPLE_MAX: f64 = 2.0;
@@ -36,16 +30,6 @@ const CONFIRMED_NS: u64 = 50_000_000;
 const CONFIRMED_BY: u32 = 3;
 /// A sequence number that goes back twice within this time has two sources \[ns\].
 const AGAIN_NS: u64 = 1_000_000_000;
-/// States farther apart are judged as if so far apart: a stamp cannot make room for a jump \[s\].
-const GAP_MAX_S: f64 = 0.05;
-
-/// A state as it was measured.
-#[derive(Debug, Clone, Copy)]
-struct Measured<const N: usize> {
-    joints: JointState<N>,
-    sequence: u64,
-    time_ns: u64,
-}
 
 /// States that agree with each other, but not with the one that is believed.
 #[derive(Debug, Clone, Copy)]
@@ -65,6 +49,7 @@ pub struct StateEstimator<const N: usize> {
     age_max_ns: u64,
     /// More states that are missing in a row are a fault.
     lost_in_a_row_max: u64,
+    continuous: ContinuousJoints<N>,
     believed: Option<Measured<N>>,
     candidate: Option<Candidate<N>>,
     velocities: VelocityWatch<N>,
@@ -95,6 +80,7 @@ impl<const N: usize> StateEstimator<N> {
             speed_max,
             age_max_ns,
             lost_in_a_row_max,
+            continuous: ContinuousJoints::NONE,
             believed: None,
             candidate: None,
             velocities: VelocityWatch::default(),
@@ -112,6 +98,12 @@ impl<const N: usize> StateEstimator<N> {
     #[must_use]
     pub fn of_joints(self, names_hash: u64) -> Self {
         Self { names: Some(names_hash), ..self }
+    }
+
+    /// Counts the turns of these joints.
+    #[must_use]
+    pub fn counting(self, continuous: ContinuousJoints<N>) -> Self {
+        Self { continuous, ..self }
     }
 
     /// Judges a state that was received at the time `now_ns` \[ns\]. No allocation.
@@ -163,6 +155,12 @@ impl<const N: usize> StateEstimator<N> {
         (age_ns > self.age_max_ns).then_some(stale)
     }
 
+    /// Whole turns by which the positions of the state that is believed exceed those that were reported.
+    #[must_use]
+    pub fn turns(&self) -> SVector<f64, N> {
+        self.believed.map_or_else(SVector::zeros, |believed| believed.turns)
+    }
+
     /// How many states are missing between those that arrived, by their numbers.
     #[must_use]
     pub fn lost(&self) -> u64 {
@@ -189,12 +187,12 @@ impl<const N: usize> StateEstimator<N> {
             return Err(offender::of_state(state, N, Reason::JointOrder));
         }
         let joints = JointState { position, velocity };
-        let now = Measured { joints, sequence: state.sequence, time_ns: state.time_ns };
+        let now = Measured::new(joints, state.sequence, state.time_ns);
         // A stamp from the future is as wrong as an old one.
         if now_ns.abs_diff(state.time_ns) > self.age_max_ns {
             let stands = stamp_before_ns == Some(state.time_ns) && state.time_ns > 0;
             return Err(if stands {
-                stuck(&now, state.time_ns)
+                now.stuck(state.time_ns)
             } else {
                 self.other_clock(&now, now_ns)
             });
@@ -210,6 +208,7 @@ impl<const N: usize> StateEstimator<N> {
             let first = Detail::plain(Reason::StateUnconfirmed);
             return self.confirm(candidate, &now, (first, 0), now_ns);
         };
+        let now = now.continuing(&believed, &self.continuous);
         if let Err(detail) = self.follows(&believed, &now) {
             return self.confirm(candidate, &now, (detail, CONFIRMED_NS), now_ns);
         }
@@ -234,10 +233,10 @@ impl<const N: usize> StateEstimator<N> {
             return Err(Detail::new(reason, About::Sequence, now.sequence as f64, expected));
         }
         if now.time_ns <= last.time_ns {
-            return Err(stuck(now, last.time_ns));
+            return Err(now.stuck(last.time_ns));
         }
-        let elapsed_s = elapsed_s(last, now);
-        let beside = beside(last, now, elapsed_s);
+        let elapsed_s = now.elapsed_s(last);
+        let beside = now.beside(last);
         for i in 0..N {
             let most = self.speed_max[i];
             let [before, velocity] = [last, now].map(|state| state.joints.velocity[i]);
@@ -261,9 +260,9 @@ impl<const N: usize> StateEstimator<N> {
     }
 
     fn accept(&mut self, last: &Measured<N>, now: &Measured<N>) {
-        let elapsed_s = elapsed_s(last, now);
+        let elapsed_s = now.elapsed_s(last);
         let moved = now.joints.position - last.joints.position;
-        self.velocities.update(&moved, &beside(last, now, elapsed_s), elapsed_s);
+        self.velocities.update(&moved, &now.beside(last), elapsed_s);
         self.believed = Some(*now);
     }
 
@@ -276,13 +275,15 @@ impl<const N: usize> StateEstimator<N> {
         (detail, confirmed_ns): (Detail, u64),
         now_ns: u64,
     ) -> Result<(), Detail> {
-        let again = candidate.filter(|candidate| {
-            let last = &candidate.last;
-            let elapsed_ns = now.time_ns.saturating_sub(last.time_ns);
-            elapsed_ns <= CONFIRMED_NS && self.follows(last, now).is_ok()
+        let again = candidate.and_then(|candidate| {
+            let next = now.continuing(&candidate.last, &self.continuous);
+            let elapsed_ns = now.time_ns.saturating_sub(candidate.last.time_ns);
+            let agrees = elapsed_ns <= CONFIRMED_NS && self.follows(&candidate.last, &next).is_ok();
+            let count = candidate.count + 1;
+            agrees.then_some(Candidate { last: next, count, ..candidate })
         });
         let candidate = match (again, candidate) {
-            (Some(last), _) => Candidate { last: *now, count: last.count + 1, ..last },
+            (Some(again), _) => again,
             (None, before) => {
                 let stands = before.and_then(|before| self.stands(&before.last, now));
                 let detail = self.doubled(stands.unwrap_or(detail), now_ns);
@@ -296,7 +297,7 @@ impl<const N: usize> StateEstimator<N> {
                 Reason::StateUnconfirmed | Reason::SequenceWentBack | Reason::TwoSources
             );
             self.publishers = self.publishers.saturating_add(is_new.into());
-            self.believed = Some(*now);
+            self.believed = Some(candidate.last);
             self.velocities = VelocityWatch::default();
             return Ok(());
         }
@@ -326,29 +327,10 @@ impl<const N: usize> StateEstimator<N> {
     }
 }
 
-/// A stamp that is not newer than the last one \[ns\].
-fn stuck<const N: usize>(now: &Measured<N>, last_ns: u64) -> Detail {
-    let expected = [last_ns as f64, 0.0];
-    Detail::new(Reason::StateTimeStuck, About::Stamp, now.time_ns as f64, expected)
-}
-
-fn elapsed_s<const N: usize>(last: &Measured<N>, now: &Measured<N>) -> f64 {
-    (now.time_ns.saturating_sub(last.time_ns) as f64 * 1e-9).min(GAP_MAX_S)
-}
-
-/// What the positions changed by beside their mean velocity \[rad or m\].
-fn beside<const N: usize>(
-    last: &Measured<N>,
-    now: &Measured<N>,
-    elapsed_s: f64,
-) -> SVector<f64, N> {
-    let mean = (last.joints.velocity + now.joints.velocity) * 0.5;
-    now.joints.position - last.joints.position - mean * elapsed_s
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core::f64::consts::{PI, TAU};
     use nalgebra::Vector2;
 
     const MS: u64 = 1_000_000;
@@ -406,6 +388,43 @@ mod tests {
                 assert_eq!(judged(&mut estimator, &wrong), Err(reason));
             }
             assert_eq!(judged(&mut estimator, &state(101)), Ok(()), "{reason:?}");
+        }
+    }
+
+    /// Reported in [−π, π), with a state that is missing where it leaps.
+    #[test]
+    fn a_continuous_joint_goes_on_where_its_report_leaps_and_another_does_not() {
+        let joints = |is_continuous| ContinuousJoints::from([is_continuous, false]);
+        for (is_continuous, direction) in [(true, 1.0), (true, -1.0), (false, 1.0)] {
+            let mut estimator = estimator().counting(joints(is_continuous));
+            let reasons: Vec<_> = (1..6000)
+                .filter(|k| k % 7 > 0)
+                .filter_map(|k| {
+                    let mut state = state(k);
+                    let position = direction * (2.0 * k as f64 * 2e-3 - 2.0);
+                    state.velocity[0] = 2.0 * direction;
+                    state.position[0] = (position + PI).rem_euclid(TAU) - PI;
+                    let reason = judged(&mut estimator, &state).err();
+                    let believed = estimator.believed?.joints.position[0];
+                    let counted = state.position[0] + TAU * estimator.turns()[0];
+                    let both = [counted, believed].map(|q| (q - position).abs() < 1e-9);
+                    assert!(!is_continuous || both == [true; 2], "{k}: {counted}, {believed}");
+                    reason
+                })
+                .collect();
+            assert_eq!(reasons.is_empty(), is_continuous, "{reasons:?}");
+            assert!(reasons.iter().all(|reason| *reason == Reason::StateUnbelievable));
+        }
+    }
+
+    #[test]
+    fn a_larger_jump_of_a_continuous_joint_is_one() {
+        for jump in [2.0, -2.0, 2.5 * TAU, 1e6] {
+            let mut estimator = running(100).counting(ContinuousJoints::from([true, false]));
+            let mut wrong = state(100);
+            wrong.position[0] += jump;
+            assert_eq!(judged(&mut estimator, &wrong), Err(Reason::StateUnbelievable), "{jump}");
+            assert_eq!(judged(&mut estimator, &state(101)), Ok(()), "{jump}");
         }
     }
 

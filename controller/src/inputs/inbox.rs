@@ -1,6 +1,7 @@
 //! The newest messages, and how far they are believed.
 
 use glam::DQuat;
+use nalgebra::SVector;
 use tprmp_messages::{
     ControllerPorts, FrameSources, GripperState, NAME_CAPACITY, Reason, RobotMode, RobotState,
     STATE_BUFFER, Sample, Subscriber, joint_names_hash,
@@ -12,9 +13,12 @@ use tprmp_spatial::Pose;
 use crate::detail::{About, Detail};
 use crate::inputs::estimator::{JointState, StateEstimator};
 use crate::inputs::external::ExternalCommand;
+use crate::inputs::gripped::GrippedObstacle;
 use crate::inputs::offender;
 use crate::inputs::scene::{Scene, pose};
+use crate::inputs::turns::ContinuousJoints;
 use crate::peers::Peers;
+use crate::policy::TaskParameters;
 use crate::timing::realtime::monotonic_ns;
 
 /// The tool begins at its start frame where it is nearer than this \[m\] …
@@ -78,6 +82,7 @@ pub struct Inbox<const N: usize> {
     /// In lockstep states are received when they were measured.
     lockstep: bool,
     frame_observer: FrameObserver,
+    gripped: Option<GrippedObstacle>,
 }
 
 impl<const N: usize> Inbox<N> {
@@ -97,9 +102,13 @@ impl<const N: usize> Inbox<N> {
                 state_age_max_ns,
                 states_lost_in_a_row_max.into(),
             )
-            .of_joints(joint_names_hash(chain.joint_names())),
+            .of_joints(joint_names_hash(chain.joint_names()))
+            .counting(ContinuousJoints::of(chain)),
             lockstep,
             frame_observer: config.frame_observer,
+            gripped: config.gripped.as_ref().map(|gripped| {
+                GrippedObstacle::new(gripped.centre_m.into(), gripped.obstacle_within_m)
+            }),
         }
     }
 
@@ -168,6 +177,33 @@ impl<const N: usize> Inbox<N> {
         self.scene_check = self.scene.update(&self.frames.at(now_ns), &self.frame_observer);
     }
 
+    /// Whether the gripper `holds` something at the tool, at the time `now_ns` \[ns\]: then that is no obstacle.
+    pub fn hold(&mut self, holds: bool, tool: impl FnOnce() -> Pose, now_ns: u64) {
+        let Some(gripped) = &mut self.gripped else { return };
+        if !holds {
+            if gripped.release() {
+                self.update_scene(now_ns);
+            }
+            return;
+        }
+        let centre = tool().transform_point(gripped.centre_m);
+        if let Some(index) = gripped.find(self.scene.obstacles(), centre) {
+            self.scene.leave_out(index);
+        }
+    }
+
+    /// The task parameters of a tick of `dt` \[s\], as the newest messages have them.
+    #[must_use]
+    pub fn parameters(&self, dt: f64) -> TaskParameters<'_> {
+        TaskParameters {
+            frames: self.scene.frames(),
+            goal_frame: self.scene.goal_frame(),
+            obstacles: self.scene.obstacles(),
+            external: self.external.as_ref(),
+            dt_s: dt,
+        }
+    }
+
     /// The joints as measured, where the newest state can be believed at the time `now_ns` \[ns\], and
     /// when they were \[ns\].
     ///
@@ -175,6 +211,12 @@ impl<const N: usize> Inbox<N> {
     /// Why it cannot be believed.
     pub fn measured(&self, now_ns: u64) -> Result<(JointState<N>, u64), Reason> {
         self.estimator.measured(now_ns)
+    }
+
+    /// Whole turns by which the positions that are believed exceed those that were reported.
+    #[must_use]
+    pub fn turns(&self) -> SVector<f64, N> {
+        self.estimator.turns()
     }
 
     /// What was seen beside this reason at the time `now_ns` \[ns\], as far as messages say.

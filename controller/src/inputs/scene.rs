@@ -9,6 +9,9 @@ use tprmp_rmpflow::leaves::{Obstacle, Shape};
 use tprmp_rmpflow::policy::FRAME_CAPACITY;
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
+/// Farther away than any frame or obstacle is believed to be \[m\].
+const NOWHERE: DVec3 = DVec3::new(0.0, 0.0, 1e6);
+
 /// The frames a skill needs and the obstacles, checked, in fixed storage.
 #[derive(Debug)]
 pub struct Scene {
@@ -132,6 +135,11 @@ impl Scene {
     #[must_use]
     pub fn obstacles(&self) -> &[Obstacle] {
         &self.obstacles[..self.obstacle_count]
+    }
+
+    /// Leaves an obstacle out until the next update. Its place stays, by which others are known.
+    pub fn leave_out(&mut self, index: usize) {
+        self.obstacles[index] = Obstacle::sphere(NOWHERE, 0.0, DVec3::ZERO);
     }
 
     /// Whether obstacles were believed once.

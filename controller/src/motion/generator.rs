@@ -3,8 +3,10 @@
 
 use nalgebra::SVector;
 use tprmp_messages::{CommandMode, JointCommand, Reason};
-use tprmp_model::controller_config::{Actuators, ControllerConfig, Impedance, PointLimits, Stop};
-use tprmp_robot::Chain;
+use tprmp_model::controller_config::{
+    Actuators, ControllerConfig, Gripped, Impedance, PointLimits, Stop,
+};
+use tprmp_robot::{Chain, Payload};
 
 use crate::inputs::estimator::JointState;
 use crate::motion::caution::{Ahead, Caution, Slowed};
@@ -24,6 +26,9 @@ const NEAR_S: f64 = 0.02;
 const NEAR_REST: f64 = 1e-9;
 /// … and as fast, up to this fraction of the largest speed.
 const NEAR_SPEED: f64 = 0.1;
+
+/// What the gripper holds gains its weight in this time, and loses it again \[s\].
+const HOLD_FADE_S: f64 = 0.05;
 
 /// What a command asks of the joints: finite, within the limits, and a continuation of the last one.
 #[derive(Debug, Clone, Copy)]
@@ -102,6 +107,9 @@ pub struct MotionGenerator<const N: usize> {
     /// Of a servo with a lag.
     servo: Option<ServoModel<N>>,
     obeys_torques: bool,
+    /// What the gripper holds when it holds, and how much of it counts now, 0 to 1.
+    gripped: Payload,
+    gripped_fraction: f64,
 }
 
 impl<const N: usize> MotionGenerator<N> {
@@ -114,6 +122,7 @@ impl<const N: usize> MotionGenerator<N> {
                 impedance: impedance(config),
                 drives: Drives::new(&config.robot.actuators),
                 gravity_m_s2: config.robot.gravity_m_s2.into(),
+                payload: Payload::NONE,
             },
             stop: config.stop,
             published: None,
@@ -127,7 +136,25 @@ impl<const N: usize> MotionGenerator<N> {
             load: config.disturbance.and_then(|settings| settings.load).map(LoadObserver::new),
             servo: ServoModel::new(config.robot.actuators.lag_s()),
             obeys_torques: matches!(config.robot.actuators, Actuators::Torque(_)),
+            gripped: Payload::NONE,
+            gripped_fraction: 0.0,
         }
+    }
+
+    /// When the gripper holds, it holds what the configuration says.
+    #[must_use]
+    pub fn gripping(self, chain: &Chain<N>, config: &ControllerConfig) -> Self {
+        let payload = |gripped: &Gripped| Payload::new(chain, &gripped.body());
+        Self { gripped: config.gripped.as_ref().map_or(Payload::NONE, payload), ..self }
+    }
+
+    /// Whether the gripper `holds`, `dt` \[s\] after that was asked the last time: its payload is faded in and out. Where
+    /// nothing was commanded yet, it has held before.
+    pub fn hold(&mut self, holds: bool, dt: f64) {
+        let step = if self.is_new() { 1.0 } else { dt / HOLD_FADE_S };
+        let change = f64::from(u8::from(holds)) - self.gripped_fraction;
+        self.gripped_fraction += change.clamp(-step, step);
+        self.tracking.payload = self.gripped.scaled(self.gripped_fraction);
     }
 
     /// The limits that every command keeps.

@@ -4,7 +4,7 @@
 use glam::DVec3;
 use nalgebra::SVector;
 use tprmp_model::controller_config::{Actuators, Impedance};
-use tprmp_robot::{Chain, gravity_torques, inverse_dynamics};
+use tprmp_robot::{Chain, Payload, gravity_torques_with, inverse_dynamics_with};
 
 use crate::inputs::estimator::JointState;
 use crate::motion::limits::JointLimits;
@@ -81,6 +81,8 @@ pub struct Tracking<const N: usize> {
     pub drives: Drives<N>,
     /// In the base frame \[m/s²\].
     pub gravity_m_s2: DVec3,
+    /// What the gripper holds.
+    pub payload: Payload,
 }
 
 impl<const N: usize> Tracking<N> {
@@ -124,7 +126,8 @@ impl<const N: usize> Tracking<N> {
         position: &SVector<f64, N>,
         acceleration: &SVector<f64, N>,
     ) -> SVector<f64, N> {
-        inverse_dynamics(chain, position, &SVector::zeros(), acceleration, DVec3::ZERO)
+        let (payload, rest) = (&self.payload, &SVector::zeros());
+        inverse_dynamics_with(chain, payload, position, rest, acceleration, DVec3::ZERO)
             + self.drives.rotor_inertia.component_mul(acceleration)
     }
 
@@ -152,7 +155,7 @@ impl<const N: usize> Tracking<N> {
         compensation: &SVector<f64, N>,
         load: &SVector<f64, N>,
     ) -> Torques<N> {
-        let Self { impedance, gravity_m_s2, .. } = *self;
+        let Self { impedance, gravity_m_s2, payload, .. } = *self;
         let velocity = self.wanted_velocity(reference, state, yielded.is_some());
         let (w, z) = (impedance.natural_frequency_rad_s, impedance.damping_ratio);
         let pull = (velocity - state.velocity) * (2.0 * z * w)
@@ -165,7 +168,7 @@ impl<const N: usize> Tracking<N> {
         let feedback = self.inertial(chain, q, &pull);
         let most = limits.effort_max * impedance.feedback_fraction;
         let bounded = feedback.zip_map(&most, |f, most| f.clamp(-most, most));
-        let total = inverse_dynamics(chain, q, qd, &acceleration, gravity_m_s2)
+        let total = inverse_dynamics_with(chain, &payload, q, qd, &acceleration, gravity_m_s2)
             + self.drives.rotor_inertia.component_mul(&acceleration)
             + bounded
             + self.drives.friction(&velocity)
@@ -187,7 +190,8 @@ impl<const N: usize> Tracking<N> {
         (chain, limits): (&Chain<N>, &JointLimits<N>),
         position: &SVector<f64, N>,
     ) -> Torques<N> {
-        let gravity = limits.effort(&gravity_torques(chain, position, self.gravity_m_s2));
+        let gravity = gravity_torques_with(chain, &self.payload, position, self.gravity_m_s2);
+        let gravity = limits.effort(&gravity);
         Torques { motion: SVector::zeros(), gravity, wanted: None, saturated: false }
     }
 }
@@ -241,6 +245,7 @@ mod tests {
             impedance: config.impedance,
             drives: Drives::new(&config.robot.actuators),
             gravity_m_s2: config.robot.gravity_m_s2.into(),
+            payload: Payload::NONE,
         }
     }
 

@@ -23,7 +23,7 @@ static tprmp_frame frame(const char *name, double x, double y) {
 int main(int count, char **arguments) {
     const char *joints[] = {"x_joint", "y_joint"};
     /* 20 m/s and 60 m/s² are what this robot can do; it brakes with 30 m/s². */
-    tprmp_joint_bounds bounds = {{20.0, 20.0}, {60.0, 60.0}, {30.0, 30.0}};
+    tprmp_joint_bounds bounds = {{20.0, 20.0}, {60.0, 60.0}, {30.0, 30.0}, {0}};
     tprmp_publisher *robot = tprmp_open(count > 1 ? arguments[1] : "default", joints, 2, &bounds);
     if (robot == NULL) {
         fprintf(stderr, "state_publisher: %s\n", tprmp_error());

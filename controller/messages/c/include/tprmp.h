@@ -20,6 +20,8 @@ typedef struct tprmp_joint_bounds {
     double speed_max[TPRMP_JOINT_CAPACITY];
     double acceleration_max[TPRMP_JOINT_CAPACITY];
     double deceleration[TPRMP_JOINT_CAPACITY];
+    /* 1: it rotates without an end, and may be reported within one turn. */
+    uint32_t continuous[TPRMP_JOINT_CAPACITY];
 } tprmp_joint_bounds;
 
 /* What the robot shall do until it is asked again. */

@@ -22,6 +22,7 @@ pub struct CBounds {
     speed_max: Joints,
     acceleration_max: Joints,
     deceleration: Joints,
+    continuous: [u32; JOINT_CAPACITY],
 }
 
 /// `tprmp_action`.
@@ -107,6 +108,7 @@ pub unsafe extern "C" fn tprmp_open(
             speed_max: bounds.speed_max,
             acceleration_max: bounds.acceleration_max,
             deceleration: bounds.deceleration,
+            continuous: bounds.continuous.map(|is| is != 0),
         });
         let instance = Instance::new(unsafe { text(instance) }?)?;
         Ok(StatePublisher::open(&instance, &names, Bounds { joints, ..Bounds::default() })?)

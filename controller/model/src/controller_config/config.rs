@@ -16,6 +16,7 @@ use crate::controller_config::drives::{Actuators, Disturbance, Impedance};
 use crate::controller_config::leaves::{
     Collision, External, Lift, PostureLeaf, SelfCollision, SkillLeaf,
 };
+use crate::controller_config::payload::{Gripped, Payload};
 use crate::controller_config::supervision::Supervision;
 
 /// What wakes the loop.
@@ -41,6 +42,9 @@ pub struct Robot {
     /// The tool that the skill moves, where the URDF has no link for it; `None` where the tool is that link.
     #[serde(deserialize_with = "Option::deserialize")]
     pub tool_offset: Option<ToolOffset>,
+    /// What the tool carries all the time, beside what the URDF says; `None` where that is all.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub payload: Option<Payload>,
     /// Joints that are held, as if they were fixed, and where: those of a gripper, for example
     /// \[rad or m\]. What mimics one of them follows it.
     pub held_joints: BTreeMap<String, f64>,
@@ -301,6 +305,9 @@ pub struct ControllerConfig {
     /// What follows once the gripper holds, `None` for a skill without a gripper.
     #[serde(deserialize_with = "Option::deserialize")]
     pub lift: Option<Lift>,
+    /// What the gripper holds while it says so, `None` where that does not matter.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub gripped: Option<Gripped>,
     /// The weight of velocities of the tool that are commanded from outside; `None` does not listen.
     #[serde(deserialize_with = "Option::deserialize")]
     pub external: Option<External>,
@@ -331,6 +338,7 @@ impl Robot {
             base_link: self.base_link.clone(),
             tool_link: self.tool_link.clone(),
             tool_offset: self.tool_offset.as_ref().map(ToolOffset::pose),
+            payload: self.payload.as_ref().map(Payload::body),
             held_joints: self.held_joints.clone(),
             limits: limits.collect(),
             interface: match self.actuators {
@@ -393,6 +401,7 @@ impl ControllerConfig {
             check.leaf("approach.avoidance", |report| funnel.leaf.check(keys, report));
         }
         optional(check, "lift", &self.lift, Lift::check);
+        optional(check, "gripped", &self.gripped, Gripped::check);
         optional(check, "external", &self.external, External::check);
         check.positive("done.distance_m", self.done.distance_m);
         check.positive("done.angle_rad", self.done.angle_rad);
@@ -455,6 +464,7 @@ impl Robot {
                 offset,
             );
         }
+        optional(check, "payload", &self.payload, Payload::check);
         if let Some(points) = &self.point_limits {
             check.positive("point_limits.speed_max_m_s", points.speed_max_m_s);
             check.positive("point_limits.acceleration_max_m_s2", points.acceleration_max_m_s2);

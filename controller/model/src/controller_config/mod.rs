@@ -13,6 +13,7 @@ mod drives;
 mod error;
 mod layers;
 mod leaves;
+mod payload;
 mod read;
 mod supervision;
 
@@ -26,5 +27,6 @@ pub use leaves::{
     Collision, ExemptObstacle, Exemption, Extent, External, Lift, PostureLeaf, SelfCollision,
     SkillLeaf,
 };
+pub use payload::{Gripped, Payload, Sphere};
 pub use read::{read, read_with};
 pub use supervision::{Fallback, Fallbacks, Start, Supervision};
