@@ -1,10 +1,8 @@
-//! The hard loop. One function owns its control flow: wait, read, check, evaluate, limit, publish,
-//! record.
+//! The hard loop. One function owns its control flow: wait, read, check, evaluate, limit, publish, record.
 //!
-//! In steady state a cycle allocates nothing, takes no lock, logs nothing and makes no system call
-//! but its sleep. A new peer costs allocations once: it is connected to in the slack after
-//! publishing, or before the loop spins towards its schedule. Where it appears in between, the next
-//! exchange of messages connects to it. All of it is counted apart.
+//! In steady state a cycle allocates nothing, takes no lock, logs nothing and makes no system call but its sleep. A new
+//! peer costs allocations once: it is connected to in the slack after publishing, or before the loop spins towards its
+//! schedule. Where it appears in between, the next exchange of messages connects to it. All of it is counted apart.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;

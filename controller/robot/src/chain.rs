@@ -66,8 +66,13 @@ impl<const N: usize> Chain<N> {
     }
 
     fn carrying(mut self, body: &PointMass) -> Self {
-        self.joints[N - 1].inertia = Payload::new(&self, body).with_last(&self);
+        self.joints[N - 1].inertia = self.payload(body).with_last(self.joints[N - 1].inertia);
         self
+    }
+
+    /// A body of the tool.
+    pub fn payload(&self, body: &PointMass) -> Payload {
+        Payload::of(&self.tool, body)
     }
 
     fn from_description(description: ChainDescription) -> Result<Self, UrdfErrorKind> {

@@ -50,7 +50,7 @@ pub fn inverse_dynamics_with<const N: usize>(
     q_dd: &SVector<f64, N>,
     gravity: DVec3,
 ) -> SVector<f64, N> {
-    let last = payload.with_last(chain);
+    let last = payload.with_last(chain.joints[N - 1].inertia);
     let (sines, cosines) = sin_cos(&q.data.0[0]);
     let mut placements = [Placement::IDENTITY; N];
     // Of each body, about its joint frame's origin.
@@ -128,7 +128,7 @@ pub fn gravity_torques_with<const N: usize>(
     q: &SVector<f64, N>,
     gravity: DVec3,
 ) -> SVector<f64, N> {
-    let last = payload.with_last(chain);
+    let last = payload.with_last(chain.joints[N - 1].inertia);
     let placements = joint_placements(chain, q);
     let mut torques = SVector::zeros();
     let (mut mass, mut first_moment) = (0.0, DVec3::ZERO);

@@ -1,7 +1,7 @@
 //! What an arm carries beside its links.
 
-use crate::chain::Chain;
 use crate::inertia::SpatialInertia;
+use crate::placement::Placement;
 use crate::selection::PointMass;
 
 /// A body fixed to the tool, which counts beside the links in [`crate::inverse_dynamics_with`] and
@@ -16,9 +16,9 @@ impl Payload {
     /// Nothing.
     pub const NONE: Self = Self(SpatialInertia::ZERO);
 
-    /// A body of the tool of this chain.
-    pub fn new<const N: usize>(chain: &Chain<N>, body: &PointMass) -> Self {
-        let centre = chain.tool.transform_point(body.centre);
+    /// A body of a tool that is there in the frame of the last joint.
+    pub(crate) fn of(tool: &Placement, body: &PointMass) -> Self {
+        let centre = tool.transform_point(body.centre);
         Self(SpatialInertia::from_centre(body.mass, centre, glam::DMat3::ZERO))
     }
 
@@ -34,9 +34,8 @@ impl Payload {
 
     /// The last body of a chain with it.
     #[inline]
-    pub(crate) fn with_last<const N: usize>(&self, chain: &Chain<N>) -> SpatialInertia {
+    pub(crate) fn with_last(&self, last: SpatialInertia) -> SpatialInertia {
         // A body without mass stays as it is, to the last bit.
-        let last = chain.joints[N - 1].inertia;
         if self.0.mass == 0.0 { last } else { last.plus(&self.0) }
     }
 }

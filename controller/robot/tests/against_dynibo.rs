@@ -148,7 +148,7 @@ fn ur5_with_a_payload_of_the_selection_and_with_one_that_is_given() {
     let selection = Selection { payload: Some(body), .."suction_tip".into() };
     let carrying = Chain::<6>::from_urdf(robot_file("ur5.urdf"), selection).unwrap();
     compare(&carrying, &oracle, 0, 6);
-    let (bare, payload) = (ur5(), Payload::new(&ur5(), &body));
+    let (bare, payload) = (ur5(), ur5().payload(&body));
     for [q, q_d, q_dd] in states::<6>(7) {
         let expected = inverse_dynamics(&carrying, &q, &q_d, &q_dd, GRAVITY);
         let found = inverse_dynamics_with(&bare, &payload, &q, &q_d, &q_dd, GRAVITY);

@@ -215,7 +215,7 @@ impl<'a> Tree<'a> {
         }
         let named =
             |word: &&str| fixed.iter().skip(1).find(|link| link.to_lowercase().contains(*word));
-        TOOL_WORDS.iter().find_map(|word| named(&word)).cloned().unwrap_or_else(|| link.to_owned())
+        TOOL_WORDS.iter().find_map(named).cloned().unwrap_or_else(|| link.to_owned())
     }
 
     /// The joints below the base that move and are not the arm's: held at zero, or in the middle of their range

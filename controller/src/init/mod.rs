@@ -148,7 +148,7 @@ struct Chosen {
     rates: limits::Rates,
     position_margin: f64,
     smallest_range: f64,
-    control_points: Vec<(String, glam::DVec3, f64)>,
+    control_points: Spheres,
     cover: Option<Cover>,
     grounded: Vec<pairs::Grounded>,
     harmless: Vec<pairs::Harmless>,
@@ -239,20 +239,7 @@ impl<'a> WithRobot for Plan<'a> {
         let known = limits::known::<N>(self.document, &self.selection);
         let mut rates = limits::rates(&chain, known, [0.0, 0.0, -9.81]);
         self.semantic.replace_rates(chain.joint_names(), &mut rates);
-        for (i, limit, gravity) in &rates.too_weak {
-            self.notes.push(Note::lack(format!(
-                "joint `{}`: its effort limit of {limit} does not hold the arm, which takes {gravity:.1}: likely a \
-                 placeholder; see its data sheet, and set `robot.limits`",
-                chain.joint_names()[*i]
-            )));
-        }
-        if !known.dynamics {
-            self.notes.push(Note::lack(
-                "the URDF does not have all masses and effort limits: accelerations are defaults, and torques \
-                 cannot be commanded"
-                    .into(),
-            ));
-        }
+        self.note_limits(chain.joint_names(), &rates, known);
         let (control_points, cover) = self.control_points()?;
         let points = ControlPoints::listed(&chain, &control_points).map_err(|source| {
             StartError::ControlPoints { urdf: self.options.urdf.clone(), source }
@@ -311,11 +298,30 @@ impl<'a> WithRobot for Plan<'a> {
     }
 }
 
+/// Spheres: link, centre in its frame \[m\], radius \[m\].
+type Spheres = Vec<(String, glam::DVec3, f64)>;
+
 impl Plan<'_> {
+    /// Tells what the torque limits and masses of the description are not good for.
+    fn note_limits(&mut self, joints: &[String], rates: &limits::Rates, known: limits::Known) {
+        for (i, limit, gravity) in &rates.too_weak {
+            self.notes.push(Note::lack(format!(
+                "joint `{}`: its effort limit of {limit} does not hold the arm, which takes {gravity:.1}: likely a \
+                 placeholder; see its data sheet, and set `robot.limits`",
+                joints[*i]
+            )));
+        }
+        if !known.dynamics {
+            self.notes.push(Note::lack(
+                "the URDF does not have all masses and effort limits: accelerations are defaults, and torques \
+                 cannot be commanded"
+                    .into(),
+            ));
+        }
+    }
+
     /// The spheres: those of an XRDF, or found from the shapes.
-    fn control_points(
-        &mut self,
-    ) -> Result<(Vec<(String, glam::DVec3, f64)>, Option<Cover>), InitError> {
+    fn control_points(&mut self) -> Result<(Spheres, Option<Cover>), InitError> {
         if let Some(spheres) = self.semantic.spheres.clone() {
             self.notes.push(Note::found(format!("{} control points of the XRDF", spheres.len())));
             return Ok((spheres, None));

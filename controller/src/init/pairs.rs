@@ -139,7 +139,7 @@ pub(super) fn harmless<const N: usize>(
             _ => fraction < TOUCHING_FRACTION,
         };
         let name = |link: usize| chain.moving_links()[link].0.clone();
-        (fraction >= NEAR_FRACTION && !near.iter().any(|at| shapes_touch(at))).then(|| Harmless {
+        (fraction >= NEAR_FRACTION && !near.iter().any(shapes_touch)).then(|| Harmless {
             links: [name(a), name(b)],
             reason: format!("near in {:.0} %, touching in none", 100.0 * fraction),
         })

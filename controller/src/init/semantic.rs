@@ -263,7 +263,7 @@ fn parse_srdf(text: &str, semantic: &mut Semantic) -> Result<(), String> {
             }
             b"chain" => tips.push(attribute::<String>(element, "tip_link")?),
             b"disable_collisions" => {
-                semantic.ignored.push((attribute(element, "link1")?, attribute(element, "link2")?))
+                semantic.ignored.push((attribute(element, "link1")?, attribute(element, "link2")?));
             }
             _ => {}
         }
@@ -286,8 +286,8 @@ fn parse_srdf(text: &str, semantic: &mut Semantic) -> Result<(), String> {
 fn attribute<T: FromStr>(element: &BytesStart<'_>, key: &str) -> Result<T, String> {
     let name = String::from_utf8_lossy(element.name().as_ref()).into_owned();
     let found = element.try_get_attribute(key).ok().flatten();
-    let value =
-        found.and_then(|attribute| attribute.unescape_value().ok().map(|text| text.into_owned()));
+    let value = found
+        .and_then(|attribute| attribute.unescape_value().ok().map(std::borrow::Cow::into_owned));
     let value = value.ok_or_else(|| format!("<{name}>: expected an attribute `{key}`"))?;
     // Some list one number of several, of a joint with one.
     value.trim().parse().map_err(|_| {

@@ -1,9 +1,8 @@
 //! Which state of the robot is believed.
 //!
-//! Position, velocity and time stamp of a state are judged together, against the state that was believed
-//! last, by what the joints can do. What is new is told from what is old by sequence and stamp. A state that
-//! contradicts the last one is not believed, whatever its numbers: those that follow have to confirm it, for
-//! a time. A joint without limits that is reported within a turn is counted on in whole turns.
+//! Position, velocity and time stamp of a state are judged together, against the state that was believed last, by what the
+//! joints can do; sequence and stamp tell what is new. A state that contradicts the last one is not believed: those that
+//! follow have to confirm it, for a time. A joint without limits that is reported within a turn is counted on in whole turns.
 
 use nalgebra::SVector;
 use tprmp_messages::{Reason, RobotState};
@@ -17,8 +16,7 @@ use crate::inputs::velocity::VelocityWatch;
 
 /// A measured speed beyond this multiple of the joint's limit is not believed.
 const SPEED_MULTIPLE_MAX: f64 = 2.0;
-/// A joint is believed to reach its largest speed from rest in this time: 40 N on the tool of a UR5 accelerate
-/// its wrist by 400 rad/s² \[s\].
+/// A joint is believed to reach its largest speed from rest in this time \[s\]: 40 N on a UR5's tool give its wrist 400 rad/s².
 const SPEED_UP_S: f64 = 0.005;
 /// Noise of a velocity, as a fraction of the largest speed.
 const VELOCITY_NOISE: f64 = 0.1;

@@ -144,7 +144,7 @@ impl<const N: usize> MotionGenerator<N> {
     /// When the gripper holds, it holds what the configuration says.
     #[must_use]
     pub fn gripping(self, chain: &Chain<N>, config: &ControllerConfig) -> Self {
-        let payload = |gripped: &Gripped| Payload::new(chain, &gripped.body());
+        let payload = |gripped: &Gripped| chain.payload(&gripped.body());
         Self { gripped: config.gripped.as_ref().map_or(Payload::NONE, payload), ..self }
     }
 
@@ -192,7 +192,7 @@ impl<const N: usize> MotionGenerator<N> {
 
     /// The states were wrong: the robot brakes on its own, and what was learned of a load is forgotten.
     pub fn was_misled(&mut self) {
-        self.load = self.load.map(|load| load.forgotten());
+        self.load = self.load.map(LoadObserver::forgotten);
         self.robot_brakes();
     }
 

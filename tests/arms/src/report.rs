@@ -30,7 +30,7 @@ impl Row {
         Self {
             name: name.to_owned(),
             joints: made.joints.len(),
-            spheres: made.cover.as_ref().map_or(0, |cover| cover.sphere_count()),
+            spheres: made.cover.as_ref().map_or(0, tprmp_cover::Cover::sphere_count),
             protrusion_mm: made.cover.as_ref().map_or(0.0, |cover| 1e3 * cover.protrusion_m),
             init_s,
             to_look_at: look.map(|note| note.text.clone()).collect(),
