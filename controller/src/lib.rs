@@ -10,6 +10,7 @@ pub mod conformance;
 pub mod control;
 pub mod cycle;
 pub mod detail;
+pub mod freedom;
 pub mod init;
 pub mod inputs;
 pub mod motion;

@@ -1,12 +1,12 @@
 //! The policy of a robot: the task's leaves on its tool, and the tree of all others.
 
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector6};
 use tprmp_model::controller_config::{
     Collision, ControllerConfig, Fallback, Fallbacks, PostureLeaf,
 };
 use tprmp_rmpflow::leaves::{
-    self, ApproachFunnel, JointLimits, JointSpeedLimits, Obstacle, PoseAttractor, Proximity,
-    SelfCollision, Tick,
+    self, ApproachFunnel, JointLimits, JointSpeedLimits, KeepUpright, Obstacle, PoseAttractor,
+    Proximity, SelfCollision, Tick,
 };
 use tprmp_rmpflow::natural::{Natural, ResolveError};
 use tprmp_rmpflow::policy::{SkillPolicy, SpeedGovernor};
@@ -29,6 +29,7 @@ pub struct RobotPolicy<const N: usize> {
     /// At least one; the first is the task.
     skills: Vec<SkillLeaf>,
     attractor: Option<PoseAttractor>,
+    upright: Option<KeepUpright>,
     approach: Option<ApproachFunnel>,
     lift: Option<PoseAttractor>,
     tree: Tree<N>,
@@ -177,6 +178,7 @@ impl<const N: usize> RobotPolicy<N> {
             arm,
             skills,
             attractor: config.goal_attractor,
+            upright: config.keep_upright,
             approach: config.approach,
             lift: config.lift.map(|lift| lift.attractor),
         }
@@ -199,8 +201,8 @@ impl<const N: usize> RobotPolicy<N> {
         &self.arm.chain
     }
 
-    /// Pose of the tool at joint positions \[rad or m\].
-    pub fn tool(&self, q: &SVector<f64, N>, workspace: &mut Workspace<N>) -> Pose {
+    /// Where the tool is at these joint positions, N \[rad or m\]; the workspace's kinematics are overwritten.
+    pub fn tool_pose(&self, q: &SVector<f64, N>, workspace: &mut Workspace<N>) -> Pose {
         forward_kinematics(&self.arm.chain, q, &mut workspace.kinematics);
         workspace.kinematics.tool_pose()
     }
@@ -216,10 +218,10 @@ impl<const N: usize> RobotPolicy<N> {
         self.skills[0].is_periodic()
     }
 
-    /// Whether the first skill acts on the orientation too.
+    /// Which coordinates of the tool the first skill moves, displacement before rotation: 1, or 0.
     #[must_use]
-    pub fn has_orientation(&self) -> bool {
-        self.skills[0].has_orientation()
+    pub fn moved(&self) -> Vector6<f64> {
+        self.skills[0].moved()
     }
 
     /// What the learned skills want of the tool, within their speeds: M ẍ = f on \[linear; angular\],
@@ -246,8 +248,8 @@ impl<const N: usize> RobotPolicy<N> {
         (sum, energy)
     }
 
-    /// The leaves on the tool: the skills with a goal attractor, or the lift; beside them an external
-    /// command and the approach funnel.
+    /// The leaves on the tool: the skills with a goal attractor, or the lift; beside them what keeps it upright, an
+    /// external command and the approach funnel.
     fn tool_leaves(
         &self,
         task: &Task,
@@ -275,6 +277,9 @@ impl<const N: usize> RobotPolicy<N> {
                 learned_energy
             }
         };
+        if let Some(upright) = &self.upright {
+            leaf.add(&upright.evaluate(&tool, velocity.angular));
+        }
         if let Some(desired) = parameters.external.and_then(|external| external.leaf(&velocity)) {
             leaf.add(&desired);
         }

@@ -170,10 +170,10 @@ impl SkillLeaf {
         self.modes[0].is_periodic()
     }
 
-    /// Whether it acts on the orientation too.
+    /// Which coordinates of the tool it moves, displacement before rotation: 1, or 0.
     #[must_use]
-    pub fn has_orientation(&self) -> bool {
-        self.modes[0].has_orientation()
+    pub fn moved(&self) -> Vector6<f64> {
+        self.modes[0].moved()
     }
 
     /// Decides on a mode where none was decided on. Kinematics and places are overwritten.

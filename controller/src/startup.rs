@@ -7,7 +7,7 @@ use tprmp_messages::{
     ControllerPorts, FRAME_CAPACITY, Instance, NAME_CAPACITY, Reason, ServiceError, name_bytes,
 };
 use tprmp_model::controller_config::{
-    self, ConfigError, ControlPoint, ControllerConfig, Robot, Supervision,
+    self, ConfigError, ControlPoint, ControllerConfig, Robot, StartFrame, Supervision,
 };
 use tprmp_model::skill_model::{self, ModelError, SkillModel};
 use tprmp_rmpflow::policy::SkillPolicy;
@@ -19,6 +19,7 @@ use crate::control::requests::Setting;
 use crate::control::server::{Replacement, Shared};
 use crate::control::supervisor::{can_latch, named};
 use crate::cycle::Cycle;
+use crate::freedom::Freedom;
 use crate::inputs::scene::Scene;
 use crate::motion::limits::working_range;
 use crate::policy::RobotPolicy;
@@ -104,6 +105,8 @@ impl StartError {
 /// A skill as it was learned, and in the form in which it is evaluated.
 #[derive(Debug)]
 pub struct LoadedSkill {
+    /// Its file.
+    pub path: PathBuf,
     /// The model.
     pub model: SkillModel,
     /// The policies of its modes, the first one's first.
@@ -115,6 +118,19 @@ impl LoadedSkill {
     #[must_use]
     pub fn frame_count(&self) -> usize {
         self.modes.iter().map(SkillPolicy::frame_count).max().unwrap_or(0)
+    }
+
+    /// The frames that its modes need, and whether each of them is where the tool is when the skill starts.
+    pub fn frames(
+        &self,
+        start_frame: StartFrame,
+    ) -> impl Iterator<Item = ([u8; NAME_CAPACITY], bool)> {
+        let Self { model, .. } = self;
+        let own_start = start_frame == StartFrame::Tool && model.start_frame != model.goal_frame;
+        model.frames.iter().take(self.frame_count()).map(move |frame| {
+            let name = name_bytes(&frame.name).expect("checked by `load`");
+            (name, own_start && frame.name == model.start_frame)
+        })
     }
 }
 
@@ -202,7 +218,8 @@ pub fn load_skills(
         }
     }
     let joints = config.robot.joints.len();
-    let dimension = skills.iter().map(|skill| skill.model.manifold.dimension()).max().unwrap_or(0);
+    let dimension =
+        skills.iter().map(|skill| skill.model.manifold.moved().len()).max().unwrap_or(0);
     if dimension < joints && config.joint_damping.inertia <= 0.0 {
         let expected = format!(
             "a number above zero, since the robot has {joints} joints and the skill decides about only \
@@ -241,14 +258,6 @@ fn load_skill(
             ),
         ));
     }
-    let joints = config.robot.joints.len();
-    if model.manifold.dimension() > joints {
-        return Err(mismatch(
-            "manifold",
-            format!("{} of dimension {}", model.manifold, model.manifold.dimension()),
-            format!("{joints} joints"),
-        ));
-    }
     for name in model.frames.iter().map(|frame| &frame.name) {
         if name_bytes(name).is_err() {
             return Err(mismatch(
@@ -266,7 +275,7 @@ fn load_skill(
         skill_model::verify(mode, &policy, model_path)?;
         modes.push(policy);
     }
-    Ok(LoadedSkill { model, modes })
+    Ok(LoadedSkill { path: model_path.into(), model, modes })
 }
 
 /// The robot of a configuration.
@@ -326,7 +335,7 @@ pub fn robot_of<const N: usize>(
         let expected = format!("at most {room}, so many as the arm's own spheres leave");
         return Err(StartError::key(config_path, "gripped.spheres", expected, gripped));
     }
-    check_kept_clear(config_path, config, &uncovered_links(&chain, &points), &links)?;
+    check_kept_clear(config_path, config, &uncovered_links(&chain, document, &points), &links)?;
     Ok((chain, points))
 }
 
@@ -334,12 +343,16 @@ pub fn robot_of<const N: usize>(
 #[must_use]
 pub fn uncovered_links<'a, const N: usize>(
     chain: &'a Chain<N>,
+    document: &Document,
     points: &ControlPoints,
 ) -> Vec<&'a str> {
     let links = chain.moving_links().iter().enumerate();
-    let has_shape = |link: usize| chain.collision_shapes().iter().any(|shape| shape.link == link);
+    // Those of the file: the chain does not have them where it has control points.
+    let has_shape = |name: &str| {
+        document.links.iter().any(|link| link.name == name && !link.collisions.is_empty())
+    };
     let has_points = |link: usize| points.as_slice().iter().any(|point| point.link == link);
-    let uncovered = links.filter(|(link, _)| has_shape(*link) && !has_points(*link));
+    let uncovered = links.filter(|(link, (name, _))| has_shape(name) && !has_points(*link));
     uncovered.map(|(_, (name, _))| name.as_str()).collect()
 }
 
@@ -441,17 +454,36 @@ pub fn replacement<const N: usize>(
 ) -> Result<Replacement<N>, StartError> {
     let Loaded { config, skills } = loaded;
     let (chain, points) = robot::<N>(config_path, config)?;
+    check_freedom(config_path, &chain, loaded)?;
     let policy = RobotPolicy::new(chain, loaded.policies(), &points, config);
-    let frame_name = |name: &str| name_bytes(name).expect("checked by `load`");
-    let names = skills.iter().flat_map(|skill| {
-        let frames = skill.model.frames.iter().take(skill.frame_count());
-        frames.map(|frame| frame_name(&frame.name))
-    });
+    let frames = skills.iter().flat_map(|skill| skill.frames(config.start_frame));
+    let (names, at_tool) = frames.unzip();
     let task = &skills[0].model;
     let goal_frame = usize::from(task.goal_frame != task.start_frame);
     let ahead_s = config.robot.actuators.lag_s();
-    let scene = Scene::new(names.collect(), goal_frame).seen_ahead(ahead_s);
+    let scene = Scene::new(names, goal_frame).starting_at_tool(at_tool).seen_ahead(ahead_s);
     Ok(Replacement { workspace: policy.workspace(), policy, scene })
+}
+
+/// Checks that the arm can do the skills.
+///
+/// # Errors
+/// [`StartError::Mismatch`] of the first one for which its joints do not suffice, with what they suffice for.
+pub fn check_freedom<const N: usize>(
+    config_path: &Path,
+    chain: &Chain<N>,
+    loaded: &Loaded,
+) -> Result<(), StartError> {
+    let freedom = Freedom::of(chain, &working_range(chain, &loaded.config.robot));
+    let beyond = |skill: &&LoadedSkill| !freedom.can_do(skill.model.manifold);
+    let Some(skill) = loaded.skills.iter().find(beyond) else { return Ok(()) };
+    Err(StartError::Mismatch {
+        model: skill.path.clone(),
+        key: "manifold",
+        found: skill.model.manifold.to_string(),
+        config: config_path.into(),
+        expected: format!("an arm that cannot do it: {freedom}"),
+    })
 }
 
 /// Builds the loop. The services are opened last: a controller that cannot run shows up nowhere.

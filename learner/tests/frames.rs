@@ -91,12 +91,7 @@ fn acceleration(model: &SkillModel, frames: &[Pose], pose: &Pose, v: [DVec3; 2])
     let mut natural = policy.instance().evaluate(&at_rest(frames), &body).natural;
     // What the manifold does not span has no inertia.
     for i in 0..6 {
-        let spanned = match model.manifold {
-            Manifold::R2 => i < 2,
-            Manifold::R3 => i < 3,
-            Manifold::R3S3 => true,
-        };
-        if !spanned {
+        if !model.manifold.moved().contains(&i) {
             natural.metric[(i, i)] += 1.0;
         }
     }

@@ -187,6 +187,8 @@ class Reason(IntEnum):
     FRAME_TWICE = 48  # Two sources publish the same frame, or have the same name.
     # A joint that is a little outside its position limits is moved back, slowly.
     JOINT_RETURNING = 49
+    # The start frame is published, and the tool that starts there is elsewhere.
+    START_ELSEWHERE = 50
 
 
 class ObstacleKind(IntEnum):

@@ -12,6 +12,7 @@ use nalgebra::SVector;
 use tprmp_controller::commands::monitor::describe;
 use tprmp_controller::control::server::Shared;
 use tprmp_controller::control::supervisor::{Kind, can_latch, kind};
+use tprmp_controller::detail::explain;
 use tprmp_controller::startup;
 use tprmp_controller::timing::pacing::Pacing;
 use tprmp_messages::{
@@ -19,7 +20,7 @@ use tprmp_messages::{
     JointCommand, LifeCycle, Obstacle, ObstacleKind, Reason, RobotMode, RobotState,
     StatePublisherPorts, TaskFrames, joint_names_hash,
 };
-use tprmp_model::controller_config;
+use tprmp_model::controller_config::{self, ControllerConfig, StartFrame};
 use tprmp_robot::{Chain, Kinematics, forward_kinematics};
 
 use crate::common::{Place, file};
@@ -160,6 +161,10 @@ struct Arm {
 
 impl Arm {
     fn start(place: &Place, model: &str, name: &str) -> Self {
+        Self::start_with(place, model, name, StartFrame::Published)
+    }
+
+    fn start_with(place: &Place, model: &str, name: &str, start_frame: StartFrame) -> Self {
         let instance = Instance::new(&format!("{}-{name}", place.instance)).unwrap();
         let config_path = file("config/controllers/ur5_pick.ron");
         let config = controller_config::read(config_path.as_ref()).unwrap();
@@ -184,7 +189,8 @@ impl Arm {
         let (of_loop, model) = (shared.clone(), model.to_owned());
         let controller = std::thread::spawn(move || {
             let path = config_path.as_ref();
-            let loaded = startup::load(path, &[model], false).unwrap();
+            let edit = |config: &mut ControllerConfig| config.start_frame = start_frame;
+            let loaded = startup::load_with(path, edit, &[model], false).unwrap();
             let stop = Arc::clone(&of_loop.stop);
             let cycle =
                 startup::cycle::<6>(path, &loaded, Pacing::Lockstep, false, &instance, of_loop);
@@ -465,6 +471,78 @@ fn a_start_frame_in_another_order_is_found_before_any_motion() {
     assert_eq!(arm.reason(), Reason::QuaternionOrder);
     arm.until("goes on", |arm| arm.mode() == CommandMode::Track);
     arm.stop();
+}
+
+/// The commands of two seconds of a motion, and a hold in it, with start frames published or not.
+fn commands(arm: &mut Arm, spoil: Option<Apply>) -> Vec<[f64; 8]> {
+    let command = |step| {
+        match step {
+            1000 => arm.shared.requests.hold(),
+            1200 => arm.shared.requests.start(),
+            _ => {}
+        }
+        arm.step(spoil);
+        arm.command.position
+    };
+    (0..1700).map(command).collect()
+}
+
+#[test]
+fn a_start_frame_at_the_tool_gives_the_commands_of_one_that_is_published_there() {
+    let place = Place::new("tool");
+    let model = place.train("pick");
+    let mut published = Arm::start(&place, &model, "published");
+    let expected = commands(&mut published, None);
+    published.stop();
+    let mut arm = Arm::start_with(&place, &model, "own", StartFrame::Tool);
+    let goal_alone: Apply = |_, f| (f.frame_count, f.frames[0]) = (1, f.frames[GOAL]);
+    let found = commands(&mut arm, Some(goal_alone));
+    arm.stop();
+    let moved = (0..6).map(|i| (expected[1699][i] - HOME[i]).abs()).fold(0.0, f64::max);
+    assert!(moved > 0.3, "{moved}");
+    for (k, (found, expected)) in found.iter().zip(&expected).enumerate() {
+        let apart = (0..6).map(|i| (found[i] - expected[i]).abs()).fold(0.0, f64::max);
+        assert!(apart < 1e-9, "state {k}: {apart}");
+    }
+}
+
+#[test]
+fn a_start_frame_that_is_published_all_the_same_is_compared_with_the_tool() {
+    type Case = (&'static str, Apply, Reason, &'static [&'static str]);
+    let place = Place::new("compared");
+    let model = place.train("pick");
+    let cases: [Case; 3] = [
+        (
+            "order",
+            |_, f| f.frames[0].quaternion.rotate_left(1),
+            Reason::QuaternionOrder,
+            &["`ee_start`", "x y z w"],
+        ),
+        (
+            "millimetres",
+            |_, f| f.frames[0].position = f.frames[0].position.map(|x| x * 1e3),
+            Reason::FrameFar,
+            &["`ee_start`", "publish metres"],
+        ),
+        (
+            "far",
+            |_, f| f.frames[0].position[1] += 0.1,
+            Reason::StartElsewhere,
+            &["`ee_start` is 0.100 m and 0°", "start_frame: Tool"],
+        ),
+    ];
+    for (name, spoil, reason, parts) in cases {
+        let mut arm = Arm::start_with(&place, &model, name, StartFrame::Tool);
+        for _ in 0..100 {
+            arm.step(Some(spoil));
+            assert!(arm.mode() != CommandMode::Track && arm.speed() == 0.0, "{name}");
+        }
+        assert_eq!(arm.reason(), reason, "{name}");
+        let said = explain(&arm.shared.detail.read(reason).unwrap()).unwrap();
+        assert!(parts.iter().all(|part| said.contains(part)), "{name}: {said}");
+        arm.until("goes on", |arm| arm.mode() == CommandMode::Track);
+        arm.stop();
+    }
 }
 
 /// The elbow begins so far beyond its limit of π \[rad\].

@@ -120,6 +120,12 @@ impl Cover {
         self.protrusion_m <= self.asked.protrusion_m
     }
 
+    /// The shapes of the links.
+    #[must_use]
+    pub fn meshes(&self) -> LinkMeshes {
+        LinkMeshes::of(self.links.iter().map(|link| &link.triangles[..]))
+    }
+
     /// How many spheres there are.
     #[must_use]
     pub fn sphere_count(&self) -> usize {

@@ -6,7 +6,7 @@ use common::{
     Robot, Triangle, ascii_stl, assert_covered, assert_protrusion, collision, cuboid, to_boxes,
     tube,
 };
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use tprmp_cover::{CoverError, Options, Packages, cover};
 use tprmp_robot::Selection;
 
@@ -205,4 +205,17 @@ fn options_out_of_their_range_are_refused() {
     let nowhere =
         cover(&robot.path().join("no.urdf"), None, &Packages::default(), &Options::default());
     assert!(nowhere.unwrap_err().to_string().contains("no.urdf`: expected a URDF"));
+}
+
+#[test]
+fn links_touch_where_their_shapes_do_and_not_where_their_spheres_do() {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/ur5.urdf");
+    let found = cover(file.as_ref(), None, &Packages::default(), &Options::default()).unwrap();
+    let meshes = found.meshes();
+    let index = |name| found.links.iter().position(|link| link.link == name).unwrap();
+    let [arm, tool] = [index("upper_arm_link"), index("suction_tool")];
+    let at = |m| DAffine3::from_translation(DVec3::new(0.0, m, 0.0));
+    let touch = |m| meshes.touch((arm, &at(0.0)), (tool, &at(m)));
+    // The cup is in the arm's end, 5 mm beside its side of 60 mm radius, and far away.
+    assert!(touch(0.0) && !touch(0.5));
 }

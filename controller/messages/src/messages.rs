@@ -382,6 +382,8 @@ wire_enum! {
         FrameTwice = 48,
         /// A joint that is a little outside its position limits is moved back, slowly.
         JointReturning = 49,
+        /// The start frame is published, and the tool that starts there is elsewhere.
+        StartElsewhere = 50,
     }
 }
 

@@ -5,10 +5,12 @@ use std::path::{Path, PathBuf};
 
 use tprmp_messages::free_shared_memory_bytes;
 use tprmp_model::controller_config::{self, Capability, ControllerConfig, RealTime};
-use tprmp_model::skill_model::{FrameMixture, PolicyModel, SkillModel};
+use tprmp_model::skill_model::{FrameMixture, Manifold, PolicyModel, SkillModel};
 use tprmp_robot::{Chain, ControlPoints, Document, Ignored, SelfPairs, remarks};
 
-use crate::startup::{self, StartError, WithRobot};
+use crate::freedom::Freedom;
+use crate::motion::limits::working_range;
+use crate::startup::{self, Loaded, LoadedSkill, StartError, WithRobot};
 use crate::timing::realtime;
 
 /// Checks the files, which is an error when they are wrong, and the machine, which is a list of
@@ -28,6 +30,8 @@ pub fn check(config_path: &Path, model_paths: &[PathBuf]) -> Result<(), StartErr
     }
     if !model_paths.is_empty() {
         let loaded = startup::load(config_path, model_paths, true)?;
+        let fits = Fits { config_path, loaded: &loaded, document: &document };
+        startup::with_robot_of(config_path, &config, &document, fits)??;
         for (path, skill) in model_paths.iter().zip(&loaded.skills) {
             describe_model(path, &skill.model);
         }
@@ -124,11 +128,13 @@ impl WithRobot for Describe<'_> {
             points.as_slice().len()
         );
         line("ok", "robot", &text);
+        let range = working_range(&chain, &self.config.robot);
+        line("ok", "tool", &Freedom::of(&chain, &range).to_string());
         if self.config.collision.is_none() && self.config.self_collision.is_none() {
             let text = "nothing is kept clear: `collision` and `self_collision` are None";
             line("warn", "control points", text);
         } else {
-            list_control_points(&chain, &points);
+            list_control_points(&chain, self.document, &points);
         }
         if let Some(own) = &self.config.self_collision {
             list_pairs(&chain, &SelfPairs::new(&chain, &points, &own.exempt));
@@ -137,10 +143,44 @@ impl WithRobot for Describe<'_> {
     }
 }
 
+struct Fits<'a> {
+    config_path: &'a Path,
+    loaded: &'a Loaded,
+    document: &'a Document,
+}
+
+impl WithRobot for Fits<'_> {
+    type Output = Result<(), StartError>;
+
+    fn call<const N: usize>(self) -> Result<(), StartError> {
+        let Self { config_path, loaded, document } = self;
+        let (chain, _) = startup::robot_of::<N>(config_path, &loaded.config, document)?;
+        startup::check_freedom(config_path, &chain, loaded)?;
+        let range = working_range(&chain, &loaded.config.robot);
+        let leaves_tilt = |skill: &&LoadedSkill| skill.model.manifold == Manifold::R3S1;
+        let tilts = Freedom::of(&chain, &range).rank(&[3, 4]) > 0;
+        if tilts
+            && loaded.config.keep_upright.is_none()
+            && let Some(skill) = loaded.skills.iter().find(leaves_tilt)
+        {
+            let text = format!(
+                "`{}` leaves the tilt of the tool alone, which this arm can change: `keep_upright` keeps it",
+                skill.path.display()
+            );
+            line("warn", "tool", &text);
+        }
+        Ok(())
+    }
+}
+
 /// How many spheres cover each link, and how large they are. A link that is not kept clear was accepted at the
 /// start-up's checks: it is exempt, or nothing keeps clear.
-fn list_control_points<const N: usize>(chain: &Chain<N>, points: &ControlPoints) {
-    let uncovered = startup::uncovered_links(chain, points);
+fn list_control_points<const N: usize>(
+    chain: &Chain<N>,
+    document: &Document,
+    points: &ControlPoints,
+) {
+    let uncovered = startup::uncovered_links(chain, document, points);
     for (index, (link, _)) in chain.moving_links().iter().enumerate() {
         let radii = points.as_slice().iter().filter(|p| p.link == index).map(|p| p.radius);
         let (count, least, most) = radii

@@ -7,7 +7,7 @@ use std::time::Duration;
 use clap::Args;
 use thiserror::Error;
 use tprmp_files::outln;
-use tprmp_messages::{Instance, NAME_CAPACITY, ServiceError, name_bytes};
+use tprmp_messages::{Instance, NAME_CAPACITY, ServiceError};
 use tprmp_model::controller_config::{self, ConfigError, ControllerConfig};
 
 use crate::conformance::Kit;
@@ -74,9 +74,8 @@ impl Conformance {
         let mut needed = Vec::new();
         if let Some(model) = &self.model {
             let skills = startup::load_skills(&self.config, config.clone(), &[model], true)?.skills;
-            let names =
-                skills.iter().flat_map(|skill| skill.model.frames.iter().take(skill.frame_count()));
-            needed.extend(names.filter_map(|frame| name_bytes(&frame.name).ok()));
+            let frames = skills.iter().flat_map(|skill| skill.frames(config.start_frame));
+            needed.extend(frames.filter(|(_, at_tool)| !at_tool).map(|(name, _)| name));
         }
         startup::with_robot(
             &self.config,

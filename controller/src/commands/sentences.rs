@@ -104,6 +104,7 @@ const SENTENCES: &[(Reason, &str)] = &[
     (Reason::GripperAwaited, "at the goal, waiting for the gripper to hold"),
     (Reason::FrameTwice, "two sources publish the same frame, or have the same name"),
     (Reason::JointReturning, "a joint a little outside its position limits is moved back, slowly"),
+    (Reason::StartElsewhere, "the start frame is published, and the tool that starts is elsewhere"),
 ];
 
 /// The sentence of a reason; `None` where the policy is followed and makes progress.

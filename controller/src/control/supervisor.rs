@@ -59,6 +59,7 @@ pub fn kind(reason: Reason) -> Kind {
         | Reason::FrameCount
         | Reason::FrameFar
         | Reason::QuaternionOrder
+        | Reason::StartElsewhere
         | Reason::ObstacleCount
         | Reason::ObstacleSize
         | Reason::ObstacleQuaternion

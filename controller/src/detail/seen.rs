@@ -74,6 +74,8 @@ about! {
     FrameFar,
     /// Angle of the start frame from the tool, and with its quaternion in the other order \[rad\].
     FrameOrder,
+    /// Distance of the start frame from the tool \[m\]; its angle \[rad\].
+    StartElsewhere,
     /// Number of frames; the most.
     FrameCount,
     /// Kind of an obstacle.

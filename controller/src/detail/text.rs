@@ -292,6 +292,11 @@ fn frame_text(snapshot: &Snapshot) -> Option<String> {
             seen.to_degrees(),
             one.to_degrees()
         ),
+        About::StartElsewhere => format!(
+            "{frame} is {seen:.3} m and {:.0}° from the tool that starts: publish where the tool is then, in the \
+             base's frame, or leave it out, since `start_frame: Tool` needs none",
+            one.to_degrees(),
+        ),
         About::FrameCount => {
             let of = of_source(detail);
             format!("`frame_count`{of} is {seen}, at most {FRAME_CAPACITY} are carried")

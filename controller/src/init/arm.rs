@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use tprmp_robot::Document;
 use tprmp_robot::document::{Joint, JointType};
 
-use crate::init::{InitError, Note};
+use crate::init::notes::Note;
 
 /// A branch below an arm moves so many joints one after the other, or fewer: fingers. More make up an arm.
 const FINGER_JOINTS_MAX: usize = 3;
@@ -13,7 +13,7 @@ const FINGER_JOINTS_MAX: usize = 3;
 const GRIPPER_WORDS: [&str; 6] = ["gripper", "finger", "jaw", "claw", "knuckle", "hand_joint"];
 /// Names of frames at the end of an arm, those farther out first.
 const TOOL_WORDS: [&str; 9] =
-    ["tcp", "grasp", "suction_tip", "tool0", "tool_tip", "ee_link", "tool", "flange", "ee"];
+    ["tcp", "grasp", "tip", "tool0", "ee_link", "tool", "flange", "end", "ee"];
 
 /// The arm of a description.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,38 +46,35 @@ pub(super) struct Asked<'a> {
 /// that is named like one.
 ///
 /// # Errors
-/// [`InitError::Arm`]: nothing moves, or there are several arms and no tool was asked for.
+/// Nothing moves, or there are several arms and no tool was asked for: with what was expected and found.
 pub(super) fn find(
     document: &Document,
     asked: Asked<'_>,
     notes: &mut Vec<Note>,
-) -> Result<Arm, InitError> {
+) -> Result<Arm, String> {
     let tree = Tree { document };
-    let wrong = |text: String| InitError::Arm { urdf: document.file.clone(), text };
     for (option, name) in [("--tool", asked.tool), ("--base", asked.base)] {
         if let Some(name) = name.filter(|name| !tree.has(name)) {
             let links = document.links.iter().map(|link| format!("`{}`", link.name));
             let links = links.collect::<Vec<_>>().join(", ");
-            return Err(wrong(format!(
-                "{option}: expected one of its links {links}, found `{name}`"
-            )));
+            return Err(format!("{option}: expected one of its links {links}, found `{name}`"));
         }
     }
     let root =
-        tree.root().ok_or_else(|| wrong("expected one link that is no joint's child".into()))?;
+        tree.root().ok_or_else(|| "expected one link that is no joint's child".to_owned())?;
     let base = asked.base.map_or_else(|| tree.below_floating(root), str::to_owned);
     let known = asked.tool.or(asked.model_tool.filter(|name| tree.has(name)));
     let tool = match known {
         Some(tool) => tool.to_owned(),
-        None => tree.tool(&base).map_err(wrong)?,
+        None => tree.tool(&base)?,
     };
     let path = tree.path(&base, &tool).ok_or_else(|| {
-        wrong(format!("expected a tool below the base, found `{tool}` that is not below `{base}`"))
+        format!("expected a tool below the base, found `{tool}` that is not below `{base}`")
     })?;
     let is_own = |joint: &&&Joint| joint.is_movable();
     let joints: Vec<String> = path.iter().filter(is_own).map(|joint| joint.name.clone()).collect();
     if joints.is_empty() {
-        return Err(wrong(format!("nothing moves between `{base}` and `{tool}`")));
+        return Err(format!("nothing moves between `{base}` and `{tool}`"));
     }
     let why = if asked.tool.is_some() {
         "asked for"

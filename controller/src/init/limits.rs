@@ -9,7 +9,7 @@ use tprmp_robot::{
     Chain, Document, Interface, LimitOverride, gravity_torques, mass_matrix, spread_posture,
 };
 
-use crate::init::Note;
+use crate::init::notes::Note;
 use crate::init::text::rounded;
 
 /// Postures in which the inertia is looked at.

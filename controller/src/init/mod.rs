@@ -6,6 +6,7 @@
 
 mod arm;
 mod limits;
+mod notes;
 mod pairs;
 mod posture;
 mod semantic;
@@ -13,7 +14,6 @@ mod text;
 mod tool;
 mod write;
 
-use core::fmt;
 use std::path::PathBuf;
 
 use nalgebra::SVector;
@@ -28,6 +28,7 @@ use tprmp_robot::{
 
 use crate::startup::{self, StartError, WithRobot};
 use arm::{Arm, Asked};
+pub use notes::{Note, NoteKind};
 use posture::Criteria;
 pub use semantic::SemanticError;
 
@@ -80,34 +81,6 @@ pub struct Options {
     pub force: bool,
 }
 
-/// Whether somebody has to look at what is told.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum NoteKind {
-    /// What was found or chosen.
-    Found,
-    /// What the description lacks: a default stands in its place.
-    Lack,
-}
-
-/// Something to be told.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Note {
-    /// Whether somebody has to look at it.
-    pub kind: NoteKind,
-    /// What it is.
-    pub text: String,
-}
-
-impl Note {
-    fn found(text: String) -> Self {
-        Self { kind: NoteKind::Found, text }
-    }
-
-    fn lack(text: String) -> Self {
-        Self { kind: NoteKind::Lack, text }
-    }
-}
-
 /// What was written.
 #[derive(Debug, Clone)]
 pub struct Initialised {
@@ -157,15 +130,6 @@ pub enum InitError {
     Config(#[from] ConfigError),
 }
 
-impl fmt::Display for NoteKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Self::Found => "ok",
-            Self::Lack => "look",
-        })
-    }
-}
-
 /// What is the same for any number of joints.
 struct Plan<'a> {
     options: &'a Options,
@@ -199,10 +163,10 @@ impl Chosen {
     }
 }
 
-/// Spheres of the arm act on each other from here on \[m\]: so far that the shapes in them are 0.05 apart.
+/// Spheres of the arm act on each other from here on \[m\]: where both stick out, the shapes in them are 0.05 apart.
 fn self_activation_m(cover: Option<&Cover>) -> f64 {
     let protrusion = cover.map_or(0.0, |cover| cover.protrusion_m);
-    ((0.05 - protrusion).clamp(0.02, 0.05) * 1e3).round() / 1e3
+    ((0.05 - 2.0 * protrusion).clamp(0.01, 0.05) * 1e3).round() / 1e3
 }
 
 /// Writes a configuration for the arm of a URDF.
@@ -219,7 +183,8 @@ pub fn init(options: &Options) -> Result<Initialised, InitError> {
         tool: options.tool.as_deref().or(semantic.tool.as_deref()),
         model_tool: model.as_ref().map(|model| model.tool_frame.as_str()),
     };
-    let mut arm = arm::find(&document, asked, &mut notes)?;
+    let wrong = |text| InitError::Arm { urdf: options.urdf.clone(), text };
+    let mut arm = arm::find(&document, asked, &mut notes).map_err(wrong)?;
     semantic.hold(&mut arm);
     let selection = Selection {
         base_link: arm.base_link.clone(),
@@ -312,6 +277,7 @@ impl<'a> WithRobot for Plan<'a> {
             pairs: &watched,
             range: ends,
             approach_axis: tool_axis,
+            moved: self.model.map_or(&[0, 1, 2, 3, 4, 5], |model| model.manifold.moved()),
             grounded: &all,
         };
         let home = self.semantic.home(chain.joint_names()).unwrap_or_else(|| criteria.home());

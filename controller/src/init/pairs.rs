@@ -18,8 +18,9 @@ const TOUCHING_FRACTION: f64 = 0.3;
 const NEAR_FRACTION: f64 = 0.05;
 /// What links can do that more joints lie between is not told by so few postures.
 const JOINTS_BETWEEN_MAX: usize = 3;
-/// A sphere that comes no higher than this above the ground stands on it \[m\].
-const GROUND_M: f64 = 0.02;
+/// A sphere that comes no higher than this above the ground stands on it: it could never leave the range in which it
+/// would be kept away, of 0.09 m and a margin of 0.015 \[m\].
+const GROUND_M: f64 = 0.105;
 
 /// Spheres that are near the ground, z = 0 of the base, in every posture.
 pub(super) fn grounded<const N: usize>(

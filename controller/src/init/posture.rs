@@ -3,7 +3,7 @@
 use core::f64::consts::PI;
 
 use glam::DVec3;
-use nalgebra::{Matrix6xX, SVector};
+use nalgebra::{DMatrix, SVector};
 use tprmp_robot::{
     Chain, ControlPoints, JointKind, Kinematics, SelfPairs, forward_kinematics, point_position,
     spread_posture,
@@ -12,8 +12,9 @@ use tprmp_robot::{
 /// Postures that are tried, and how often the best one is bettered.
 const TRIED: usize = 4000;
 const REFINED: usize = 400;
-/// Spheres keep so far apart, and above the ground: beyond where they act on each other \[m\].
+/// Spheres keep so far apart, and so far above the ground: beyond where avoidance acts, with room to move \[m\].
 const CLEARANCE_M: f64 = 0.06;
+const HEIGHT_M: f64 = 0.2;
 /// The manipulability may fall to this fraction of that at home.
 const SINGULAR_FRACTION: f64 = 0.08;
 /// Steps in which a joint is swept \[rad or m\].
@@ -33,6 +34,8 @@ pub(super) struct Criteria<'a, const N: usize> {
     pub range: [SVector<f64, N>; 2],
     /// The tool's axis that points at what it works on, in its frame.
     pub approach_axis: DVec3,
+    /// Which coordinates of the tool the skill moves, displacement before rotation.
+    pub(super) moved: &'a [usize],
     /// Spheres that stand on the ground in every posture.
     pub grounded: &'a [bool],
 }
@@ -85,20 +88,21 @@ impl<const N: usize> Criteria<'_, N> {
             let aside = (q[i] - 0.5 * (lower + upper)) / (0.5 * (upper - lower)).max(1e-9);
             near_limit += aside * aside / N as f64;
         }
-        let clearance = self.clearance(kinematics);
+        let [clearance, low] = self.clearance(kinematics);
         let down = -(kinematics.tool_pose().orientation * self.approach_axis).z;
         let out = kinematics.tool_position().truncate().length() / reach;
         let height = (kinematics.tool_position().z / reach - 0.3).clamp(-1.0, 1.0);
         // Half of the reach away, and a third of it high.
-        2.0 / N as f64 * manipulability(kinematics, reach).max(1e-30).ln() - 1.5 * near_limit
+        2.0 / N as f64 * self.manipulability(kinematics, reach).max(1e-30).ln() - 1.5 * near_limit
             + 20.0 * (clearance - CLEARANCE_M).min(0.0) / CLEARANCE_M
+            + 10.0 * (low - HEIGHT_M).min(0.0) / HEIGHT_M
             + 3.0 * down
             - 4.0 * (out - 0.55).powi(2)
             - 4.0 * height * height
     }
 
     /// Least clearance between spheres of the arm, and from the ground \[m\].
-    fn clearance(&self, kinematics: &Kinematics<N>) -> f64 {
+    fn clearance(&self, kinematics: &Kinematics<N>) -> [f64; 2] {
         let points = self.points.as_slice();
         let centre = |i: usize| point_position(kinematics, points[i].joint, points[i].centre);
         let own = self
@@ -109,7 +113,7 @@ impl<const N: usize> Criteria<'_, N> {
         let above = (0..points.len())
             .filter(|&i| !self.grounded[i])
             .map(|i| centre(i).z - points[i].radius);
-        own.chain(above).fold(1.0, f64::min)
+        [own.fold(1.0, f64::min), above.fold(1.0, f64::min)]
     }
 
     /// Of each joint the range around home \[rad or m\] beyond which the arm, with the other joints at home, comes near
@@ -118,7 +122,7 @@ impl<const N: usize> Criteria<'_, N> {
         let mut kinematics = Kinematics::new();
         let reach = self.reach(&mut kinematics);
         forward_kinematics(self.chain, home, &mut kinematics);
-        let least = SINGULAR_FRACTION * manipulability(&kinematics, reach);
+        let least = SINGULAR_FRACTION * self.manipulability(&kinematics, reach);
         std::array::from_fn(|i| {
             if self.chain.joint_kind(i) != Some(JointKind::Revolute) {
                 return None;
@@ -132,7 +136,7 @@ impl<const N: usize> Criteria<'_, N> {
                 for k in 1..=steps {
                     q[i] = home[i] + direction * STEP * k as f64;
                     forward_kinematics(self.chain, &q, &mut kinematics);
-                    if manipulability(&kinematics, reach) < least && STEP * k as f64 > ROOM {
+                    if self.manipulability(&kinematics, reach) < least && STEP * k as f64 > ROOM {
                         break;
                     }
                     clear = STEP * k as f64;
@@ -150,15 +154,15 @@ impl<const N: usize> Criteria<'_, N> {
             bounded.then_some(within.map(|end| (end * 100.0).round() / 100.0))
         })
     }
-}
 
-/// √det(J Jᵀ) over the directions that the tool can be moved in, with lengths in units of the reach \[m\]; of fewer
-/// than six joints √det(Jᵀ J).
-fn manipulability<const N: usize>(kinematics: &Kinematics<N>, reach: f64) -> f64 {
-    let jacobian = &kinematics.tool_jacobian;
-    let scaled = Matrix6xX::from_fn(N, |row, column| {
-        jacobian[(row, column)] / if row < 3 { reach } else { 1.0 }
-    });
-    let values = scaled.svd(false, false).singular_values;
-    values.iter().product::<f64>().abs()
+    /// √det(J Jᵀ) over the coordinates that the skill moves, with lengths in units of the reach \[m\]; of fewer
+    /// joints √det(Jᵀ J).
+    fn manipulability(&self, kinematics: &Kinematics<N>, reach: f64) -> f64 {
+        let jacobian = &kinematics.tool_jacobian;
+        let scaled = DMatrix::from_fn(self.moved.len(), N, |i, column| {
+            let row = self.moved[i];
+            jacobian[(row, column)] / if row < 3 { reach } else { 1.0 }
+        });
+        scaled.svd(false, false).singular_values.iter().product::<f64>().abs()
+    }
 }

@@ -136,6 +136,10 @@ impl Sections {
                     let (from, to) = &self.self_activation;
                     text += &with_keys(section, &self.self_collision).replacen(from, to, 1);
                 }
+                "start_frame" => {
+                    text += "    // Where the tool is when the skill starts: no publisher has to know. Or Published.\n";
+                    text += "    start_frame: Tool,\n";
+                }
                 "joint_limits" => {
                     let (from, to) = &self.limit_activation;
                     text += &section.replacen(from, to, 1);

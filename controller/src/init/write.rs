@@ -241,7 +241,7 @@ fn posture(plan: &Plan<'_>, chosen: &Chosen) -> String {
     let mut text = Text::new(1);
     let home = numbers(&chosen.home);
     let reason = plan.semantic.home_reason();
-    let decided = plan.model.map_or(6, |model| model.manifold.dimension());
+    let decided = plan.model.map_or(6, |model| model.manifold.moved().len());
     if chosen.home.len() <= decided {
         text.comment(&format!(
             "The pose of the tool decides about all joints. A posture to begin from, {reason}: {home}."
@@ -256,7 +256,7 @@ fn posture(plan: &Plan<'_>, chosen: &Chosen) -> String {
     ));
     let lines = [
         format!("position: {home}"),
-        "inertia: 0.0003".into(),
+        "inertia: 0.001".into(),
         "stiffness_1_s2: 4.0".into(),
         "damping_1_s: 4.0".into(),
         "saturation: 0.5".into(),
@@ -312,7 +312,7 @@ fn self_activation(chosen: &Chosen) -> (String, String) {
     (
         line.into(),
         format!(
-            "// Less than 0.05 by as much as the spheres stick out, and 0.02 at least.\n            activation_distance_m: {distance:?},"
+            "// Less than 0.05 by as much as two spheres stick out, and 0.01 at least.\n            activation_distance_m: {distance:?},"
         ),
     )
 }

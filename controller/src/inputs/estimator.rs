@@ -64,6 +64,8 @@ pub struct StateEstimator<const N: usize> {
     /// When the sequence number went back \[ns\].
     went_back_ns: Option<u64>,
     lost: u64,
+    /// How many publishers were believed, one after the other.
+    publishers: u32,
 }
 
 impl<const N: usize> StateEstimator<N> {
@@ -88,6 +90,7 @@ impl<const N: usize> StateEstimator<N> {
             stamp_ns: None,
             went_back_ns: None,
             lost: 0,
+            publishers: 0,
         }
     }
 
@@ -162,6 +165,12 @@ impl<const N: usize> StateEstimator<N> {
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost
+    }
+
+    /// How many publishers were believed, one after the other: one that is started again counts from one.
+    #[must_use]
+    pub fn publishers(&self) -> u32 {
+        self.publishers
     }
 
     fn judge(
@@ -283,6 +292,11 @@ impl<const N: usize> StateEstimator<N> {
         };
         let agreed_ns = now_ns.saturating_sub(candidate.since_ns);
         if candidate.count >= CONFIRMED_BY && agreed_ns >= confirmed_ns {
+            let is_new = matches!(
+                candidate.detail.reason,
+                Reason::StateUnconfirmed | Reason::SequenceWentBack | Reason::TwoSources
+            );
+            self.publishers = self.publishers.saturating_add(is_new.into());
             self.believed = Some(candidate.last);
             self.velocities = VelocityWatch::default();
             return Ok(());

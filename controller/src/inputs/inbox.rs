@@ -15,7 +15,7 @@ use crate::inputs::estimator::{JointState, StateEstimator};
 use crate::inputs::external::ExternalCommand;
 use crate::inputs::gripped::GrippedObstacle;
 use crate::inputs::offender;
-use crate::inputs::scene::Scene;
+use crate::inputs::scene::{Scene, pose};
 use crate::inputs::turns::ContinuousJoints;
 use crate::peers::Peers;
 use crate::policy::TaskParameters;
@@ -231,7 +231,7 @@ impl<const N: usize> Inbox<N> {
         }
         match &self.state {
             _ if reason == Reason::FramesStale || self.scene_check == Err(reason) => {
-                offender::of_scene(&self.frames.at(now_ns), self.scene.names(), reason)
+                offender::of_scene(&self.frames.at(now_ns), self.scene.needed(), reason)
             }
             Some(state) => offender::of_state(state, N, reason),
             None => Detail::plain(reason),
@@ -242,15 +242,29 @@ impl<const N: usize> Inbox<N> {
     #[must_use]
     pub fn order_of_start(&self, tool: &Pose) -> Option<Detail> {
         let start = self.scene.frames().first()?.pose;
-        let near = (start.position - tool.position).length() < START_NEAR_M;
-        let o = start.orientation;
-        // As if w x y z had been published as x y z w.
-        let other = DQuat::from_xyzw(o.w, o.x, o.y, o.z);
-        let [given, other] = [o, other].map(|o| tool.orientation.angle_between(o));
-        let swapped = near && given > START_TURNED_RAD && other < START_ALIKE_RAD;
-        let reason = Reason::QuaternionOrder;
-        let detail = Detail::new(reason, About::FrameOrder, given, [other, 0.0]);
-        swapped.then(|| detail.named(&self.scene.names()[0]))
+        Some(order_of_start(&start, tool)?.named(&self.scene.names()[0]))
+    }
+
+    /// Whether a start frame waits for the skill to start at the tool.
+    #[must_use]
+    pub fn awaits_start(&self) -> bool {
+        self.scene.awaits_start(self.estimator.publishers())
+    }
+
+    /// Lets the skill start at this tool, where start frames need not be published, at the time `now_ns` \[ns\].
+    ///
+    /// # Errors
+    /// Where a start frame is published all the same, and the tool is elsewhere: what was seen.
+    pub fn start_at(&mut self, tool: &Pose, now_ns: u64) -> Result<(), Detail> {
+        let published = self.frames.at(now_ns);
+        for frame in self.scene.published_starts(&published) {
+            let start = pose(frame);
+            if let Some(found) = order_of_start(&start, tool).or_else(|| elsewhere(&start, tool)) {
+                return Err(found.named(&frame.name));
+            }
+        }
+        self.scene.start_at(tool, self.estimator.publishers());
+        Ok(())
     }
 
     /// Names of the frames that were published last.
@@ -271,7 +285,7 @@ impl<const N: usize> Inbox<N> {
     /// Why not.
     pub fn check_scene(&self, now_ns: u64) -> Result<(), Reason> {
         self.scene_check?;
-        match self.frames.at(now_ns).stale(self.scene.names()) {
+        match self.frames.at(now_ns).stale(self.scene.needed()) {
             Some(_) => Err(Reason::FramesStale),
             None => Ok(()),
         }
@@ -313,4 +327,25 @@ impl<const N: usize> Inbox<N> {
     pub fn state_time_ns(&self) -> Option<u64> {
         self.state.as_ref().map(|state| state.time_ns)
     }
+}
+
+/// Where a start frame lies at the tool but for the order of its quaternion: what was seen.
+fn order_of_start(start: &Pose, tool: &Pose) -> Option<Detail> {
+    let near = (start.position - tool.position).length() < START_NEAR_M;
+    let o = start.orientation;
+    // As if w x y z had been published as x y z w.
+    let other = DQuat::from_xyzw(o.w, o.x, o.y, o.z);
+    let [given, other] = [o, other].map(|o| tool.orientation.angle_between(o));
+    let swapped = near && given > START_TURNED_RAD && other < START_ALIKE_RAD;
+    let reason = Reason::QuaternionOrder;
+    swapped.then(|| Detail::new(reason, About::FrameOrder, given, [other, 0.0]))
+}
+
+/// Where a start frame is not at the tool: what was seen.
+fn elsewhere(start: &Pose, tool: &Pose) -> Option<Detail> {
+    let distance_m = (start.position - tool.position).length();
+    let turned = tool.orientation.angle_between(start.orientation);
+    let is_elsewhere = distance_m > START_NEAR_M || turned > START_TURNED_RAD;
+    let about = About::StartElsewhere;
+    is_elsewhere.then(|| Detail::new(Reason::StartElsewhere, about, distance_m, [turned, 0.0]))
 }

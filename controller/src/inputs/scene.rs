@@ -16,6 +16,12 @@ const NOWHERE: DVec3 = DVec3::new(0.0, 0.0, 1e6);
 #[derive(Debug)]
 pub struct Scene {
     names: Vec<[u8; NAME_CAPACITY]>,
+    /// Those that have to be published.
+    needed: Vec<[u8; NAME_CAPACITY]>,
+    /// Which of them are where the tool is when the skill starts.
+    at_tool: Vec<bool>,
+    /// The publisher of states with which the skill started at the tool, by its number.
+    started_with: Option<u32>,
     /// In the order of the names, as they were announced.
     announced: Vec<MovingPose>,
     /// Where they will be.
@@ -45,12 +51,53 @@ impl Scene {
             frames: vec![MovingPose::at_rest(Pose::IDENTITY); names.len()],
             times_ns: vec![None; names.len()],
             ahead_s: 0.0,
+            needed: names.clone(),
+            at_tool: vec![false; names.len()],
+            started_with: None,
             names,
             goal_frame,
             obstacles: [nothing; OBSTACLE_CAPACITY],
             obstacle_count: 0,
             known: false,
         }
+    }
+
+    /// This scene with frames that nobody has to publish: `at_tool` says of each whether it is where the tool is
+    /// when the skill starts. Allocates: at start-up only.
+    ///
+    /// # Panics
+    /// When it does not say so of each.
+    #[must_use]
+    pub fn starting_at_tool(self, at_tool: Vec<bool>) -> Self {
+        assert_eq!(at_tool.len(), self.names.len(), "a mark for each frame");
+        let published = self.names.iter().zip(&at_tool).filter(|(_, at_tool)| !**at_tool);
+        Self { needed: published.map(|(name, _)| *name).collect(), at_tool, ..self }
+    }
+
+    /// Whether frames wait for the skill to start at the tool, with this publisher of states: one that is
+    /// started again starts the skill again.
+    #[must_use]
+    pub fn awaits_start(&self, publisher: u32) -> bool {
+        self.started_with != Some(publisher) && self.at_tool.contains(&true)
+    }
+
+    /// Lets the skill start at this tool.
+    pub fn start_at(&mut self, tool: &Pose, publisher: u32) {
+        for (i, _) in self.at_tool.iter().enumerate().filter(|(_, at_tool)| **at_tool) {
+            self.announced[i] = MovingPose::at_rest(*tool);
+            self.frames[i] = self.announced[i];
+        }
+        self.started_with = Some(publisher);
+    }
+
+    /// Where a frame that nobody has to publish is published all the same.
+    pub fn published_starts<'a>(
+        &'a self,
+        published: &'a PublishedFrames<'_>,
+    ) -> impl Iterator<Item = &'a Frame> + 'a {
+        let names = self.names.iter().zip(&self.at_tool).filter(|(_, at_tool)| **at_tool);
+        let claims = names.flat_map(|(name, _)| published.claims(name));
+        claims.map(|claim| claim.frame).filter(|frame| frame.valid == 1)
     }
 
     /// This scene as it will be in `ahead_s` \[s\], when an arm with a lag has come to where it is told to be:
@@ -72,7 +119,13 @@ impl Scene {
         &self.names
     }
 
-    /// Which of them the goal is fixed to.
+    /// The names of those that have to be published.
+    #[must_use]
+    pub fn needed(&self) -> &[[u8; NAME_CAPACITY]] {
+        &self.needed
+    }
+
+    /// Which of the frames the goal is fixed to.
     #[must_use]
     pub fn goal_frame(&self) -> usize {
         self.goal_frame
@@ -112,7 +165,8 @@ impl Scene {
     ) -> Result<(), Reason> {
         check_sources(published)?;
         let mut now = [(MovingPose::at_rest(Pose::IDENTITY), 0); FRAME_CAPACITY];
-        for (now, name) in now.iter_mut().zip(&self.names) {
+        let all = now.iter_mut().zip(&self.names).zip(&self.at_tool);
+        for ((now, name), _) in all.filter(|(_, at_tool)| !**at_tool) {
             let found = published.find(name)?;
             found.frame.check()?;
             *now = (moving_pose(found.frame), found.message.time_ns);
@@ -127,6 +181,9 @@ impl Scene {
             }
         }
         for (i, (now, time_ns)) in now.iter().enumerate().take(self.names.len()) {
+            if self.at_tool[i] {
+                continue;
+            }
             let last_ns = self.times_ns[i].replace(*time_ns);
             let elapsed_s = last_ns.map(|last| time_ns.saturating_sub(last) as f64 * 1e-9);
             self.announced[i] = observed(&self.announced[i], now, elapsed_s, observer);
@@ -222,6 +279,12 @@ fn displaced(pose: &Pose, velocity: &Twist, time_s: f64) -> Pose {
     }
 }
 
+/// The pose of a checked frame.
+#[must_use]
+pub fn pose(frame: &Frame) -> Pose {
+    Pose { position: frame.position.into(), orientation: unit(frame.quaternion) }
+}
+
 fn unit([w, x, y, z]: [f64; 4]) -> DQuat {
     DQuat::from_xyzw(x, y, z, w).normalize()
 }
@@ -233,10 +296,7 @@ fn moving_pose(frame: &Frame) -> MovingPose {
             linear: frame.linear_velocity.into(),
             angular: frame.angular_velocity.into(),
         },
-        ..MovingPose::at_rest(Pose {
-            position: frame.position.into(),
-            orientation: unit(frame.quaternion),
-        })
+        ..MovingPose::at_rest(pose(frame))
     }
 }
 
@@ -328,6 +388,23 @@ mod tests {
 
     fn scene() -> Scene {
         Scene::new(["start", "end"].map(|name| name_bytes(name).unwrap()).to_vec(), 1)
+    }
+
+    #[test]
+    fn a_start_frame_at_the_tool_is_not_needed_and_stays_until_another_publisher_comes() {
+        let mut scene = scene().starting_at_tool(vec![true, false]);
+        let mut message = message();
+        (message.frame_count, message.frames[0]) = (1, message.frames[1]);
+        update(&mut scene, &message).unwrap();
+        assert_eq!(scene.needed(), &[name_bytes("end").unwrap()]);
+        assert!(scene.awaits_start(1));
+        let tool = Pose { position: DVec3::new(0.1, 0.2, 0.3), ..Pose::IDENTITY };
+        scene.start_at(&tool, 1);
+        update(&mut scene, &message).unwrap();
+        assert_eq!(scene.frames()[0].pose, tool);
+        assert!(!scene.awaits_start(1) && scene.awaits_start(2));
+        message.frames[0].name = name_bytes("other").unwrap();
+        assert_eq!(update(&mut scene, &message), Err(Reason::FrameMissing));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The state of a task: the skill, then, once the gripper holds, the lift.
 
 use glam::DVec3;
+use nalgebra::Vector6;
 use tprmp_messages::{GripperCommand, GripperState, LifeCycle, Reason};
 use tprmp_model::controller_config::{Done, Lift};
 use tprmp_spatial::Pose;
@@ -14,7 +15,8 @@ pub struct TaskState {
     lift: Option<Lift>,
     done: Done,
     /// Whether the skill acts on the orientation too.
-    has_orientation: bool,
+    /// Which coordinates of the tool the skill moves, displacement before rotation: 1, or 0.
+    moved: Vector6<f64>,
     /// Whether it goes round, and never ends by itself.
     is_periodic: bool,
     stage: Stage,
@@ -47,12 +49,14 @@ pub struct Remaining {
 }
 
 impl Remaining {
-    /// Between two poses.
+    /// Between two poses, in the coordinates that are decided about, displacement before rotation: 1, or 0.
     #[must_use]
-    pub fn between(tool: &Pose, goal: &Pose) -> Self {
+    pub fn between(tool: &Pose, goal: &Pose, decided: &Vector6<f64>) -> Self {
+        let part =
+            |first: usize| DVec3::new(decided[first], decided[first + 1], decided[first + 2]);
         Self {
-            distance_m: (tool.position - goal.position).length(),
-            angle_rad: tool.rotation_from(goal).length(),
+            distance_m: ((tool.position - goal.position) * part(0)).length(),
+            angle_rad: (tool.rotation_from(goal) * part(3)).length(),
         }
     }
 }
@@ -60,13 +64,13 @@ impl Remaining {
 impl TaskState {
     /// A task that begins with its skill.
     ///
-    /// * `has_orientation`  whether that skill acts on the orientation too
+    /// * `moved`  which coordinates of the tool that skill moves, displacement before rotation: 1, or 0
     #[must_use]
-    pub fn new(lift: Option<Lift>, done: Done, has_orientation: bool) -> Self {
+    pub fn new(lift: Option<Lift>, done: Done, moved: Vector6<f64>) -> Self {
         Self {
             lift,
             done,
-            has_orientation,
+            moved,
             is_periodic: false,
             stage: Stage::Skill,
             gripper: GripperCommand::Release,
@@ -136,10 +140,10 @@ impl TaskState {
 
     /// The skill may be another one from now on.
     ///
-    /// * `has_orientation`  whether it acts on the orientation too
+    /// * `moved`  which coordinates of the tool it moves
     /// * `is_periodic`  whether it goes round: the task is never done
-    pub fn set_skill(&mut self, has_orientation: bool, is_periodic: bool) {
-        (self.has_orientation, self.is_periodic) = (has_orientation, is_periodic);
+    pub fn set_skill(&mut self, moved: Vector6<f64>, is_periodic: bool) {
+        (self.moved, self.is_periodic) = (moved, is_periodic);
     }
 
     /// What the tool should do now.
@@ -194,10 +198,11 @@ impl TaskState {
             Stage::Skill => (skill_goal, LifeCycle::Running),
             Stage::Lift { goal } => (goal, LifeCycle::Lifting),
         };
-        let mut remaining = Remaining::between(tool, goal);
-        if !self.has_orientation {
-            remaining.angle_rad = 0.0;
+        let mut decided = self.moved;
+        if matches!(self.stage, Stage::Lift { .. }) {
+            decided.fixed_rows_mut::<3>(0).fill(1.0);
         }
+        let remaining = Remaining::between(tool, goal, &decided);
         self.gripper = match (&self.stage, &self.lift) {
             (Stage::Lift { .. }, _) => GripperCommand::Grip,
             (Stage::Skill, Some(lift))
@@ -246,7 +251,7 @@ mod tests {
 
     #[test]
     fn a_pick_lifts_once_the_gripper_holds_and_starts_over_when_it_loses_the_object() {
-        let mut task = TaskState::new(Some(LIFT), DONE, true);
+        let mut task = TaskState::new(Some(LIFT), DONE, Vector6::repeat(1.0));
         let goal = at(0.5, 0.0);
         let step =
             |task: &mut TaskState, gripper, tool| task.advance(gripper, &tool, &goal, 0, 0.06).0;
@@ -268,12 +273,12 @@ mod tests {
     #[test]
     fn a_gripper_that_was_not_asked_lifts_nothing_and_one_that_holds_at_the_start_is_reported() {
         let (tool, goal) = (at(0.3, 0.2), at(0.5, 0.0));
-        let mut task = TaskState::new(Some(LIFT), DONE, true);
+        let mut task = TaskState::new(Some(LIFT), DONE, Vector6::repeat(1.0));
         task.begin(GripperState::Open, None);
         let (cycle, _) = task.advance(GripperState::Holding, &tool, &goal, 0, 0.001);
         assert_eq!((cycle, task.gripper()), (LifeCycle::Running, GripperCommand::Release));
         // Whose grip it is nobody knows: it is kept, and reported.
-        let mut task = TaskState::new(Some(LIFT), DONE, true);
+        let mut task = TaskState::new(Some(LIFT), DONE, Vector6::repeat(1.0));
         task.begin(GripperState::Holding, None);
         assert_eq!(task.gripper(), GripperCommand::Grip);
         let holds = Err(Reason::GripperHolds);
@@ -288,7 +293,7 @@ mod tests {
     fn a_controller_that_is_started_again_in_mid_lift_goes_on_with_it() {
         let (tool, goal) = (at(0.5, 0.04), at(0.5, 0.0));
         let last = Entry { gripping: true, lift_goal: Some([0.5, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0]) };
-        let mut task = TaskState::new(Some(LIFT), DONE, true);
+        let mut task = TaskState::new(Some(LIFT), DONE, Vector6::repeat(1.0));
         task.begin(GripperState::Holding, Some(&last));
         assert_eq!(task.check_gripper(GripperState::Holding, 0.001), Ok(()));
         let (cycle, remaining) = task.advance(GripperState::Holding, &tool, &goal, 0, 0.001);
@@ -296,7 +301,7 @@ mod tests {
         assert!((remaining.distance_m - 0.06).abs() < 1e-12, "to where it was being lifted");
         // It had gripped, and had not noted a goal yet: the whole lift, from here.
         let last = Entry { gripping: true, lift_goal: None };
-        let mut task = TaskState::new(Some(LIFT), DONE, true);
+        let mut task = TaskState::new(Some(LIFT), DONE, Vector6::repeat(1.0));
         task.begin(GripperState::Holding, Some(&last));
         let (cycle, remaining) = task.advance(GripperState::Holding, &tool, &goal, 0, 0.001);
         assert_eq!(cycle, LifeCycle::Lifting);
@@ -305,22 +310,22 @@ mod tests {
 
     #[test]
     fn a_task_that_goes_round_is_never_done() {
-        let mut task = TaskState::new(None, DONE, true);
-        task.set_skill(true, true);
+        let mut task = TaskState::new(None, DONE, Vector6::repeat(1.0));
+        task.set_skill(Vector6::repeat(1.0), true);
         for now_ns in [0, 1, 2_000_000_000] {
             let here = at(0.5, 0.0);
             let (cycle, remaining) = task.advance(GripperState::None, &here, &here, now_ns, 0.001);
             assert_eq!((cycle, task.done_for_ns(now_ns)), (LifeCycle::Running, 0));
             assert_eq!(remaining.distance_m, 0.0, "on its path");
         }
-        task.set_skill(true, false);
+        task.set_skill(Vector6::repeat(1.0), false);
         let (cycle, _) = task.advance(GripperState::None, &at(0.5, 0.0), &at(0.5, 0.0), 3, 0.001);
         assert_eq!(cycle, LifeCycle::Done);
     }
 
     #[test]
     fn without_a_lift_the_skill_s_goal_is_the_task() {
-        let mut task = TaskState::new(None, DONE, false);
+        let mut task = TaskState::new(None, DONE, Vector6::new(1.0, 1.0, 1.0, 0.0, 0.0, 0.0));
         let (cycle, remaining) =
             task.advance(GripperState::None, &at(0.3, 0.0), &at(0.5, 0.0), 0, 0.001);
         assert_eq!(cycle, LifeCycle::Running);

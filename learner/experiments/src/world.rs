@@ -6,7 +6,7 @@ use std::ops::ControlFlow::{self, Break, Continue};
 use glam::DVec3;
 use nalgebra::SVector;
 use tprmp_learner::certify::policy::{Body, DesiredMotion, MotionPolicy};
-use tprmp_learner::certify::rollout::{Environment, RolloutSpec, resolve_first, roll_out};
+use tprmp_learner::certify::rollout::{self, Environment, RolloutSpec, resolve_first, roll_out};
 use tprmp_model::skill_model::Manifold;
 use tprmp_rmpflow::leaves::{AvoidanceState, Free, FreeBall, Task, Tick};
 use tprmp_rmpflow::natural::Natural;
@@ -178,6 +178,7 @@ pub(crate) fn resolve(natural: &Natural<6>, manifold: Manifold) -> Option<Spatia
         Manifold::R2 => resolve_first::<2>(natural),
         Manifold::R3 => resolve_first::<3>(natural),
         Manifold::R3S3 => resolve_first::<6>(natural),
+        Manifold::R3S1 | Manifold::S3 => rollout::resolve(natural, manifold),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow::{self, Break, Continue};
 
-use nalgebra::{Cholesky, Const, Vector6};
+use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector6};
 use tprmp_model::skill_model::Manifold;
 use tprmp_rmpflow::natural::Natural;
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration};
@@ -92,6 +92,9 @@ pub fn resolve(natural: &Natural<6>, manifold: Manifold) -> Option<SpatialAccele
     match manifold {
         Manifold::R2 => resolve_first::<2>(natural),
         Manifold::R3 => resolve_first::<3>(natural),
+        // The tool keeps its tilt: it is turned about z alone.
+        Manifold::R3S1 => resolve_in::<4>(natural, manifold.moved()),
+        Manifold::S3 => resolve_in::<3>(natural, manifold.moved()),
         Manifold::R3S3 => natural.resolve().ok().map(Into::into),
     }
 }
@@ -104,6 +107,22 @@ pub fn resolve_first<const N: usize>(natural: &Natural<6>) -> Option<SpatialAcce
     let mut acceleration = Vector6::zeros();
     let solved = factor.solve(&natural.force.fixed_rows::<N>(0));
     acceleration.fixed_rows_mut::<N>(0).copy_from(&solved);
+    Some(acceleration.into()).filter(SpatialAcceleration::is_finite)
+}
+
+/// The same in these N directions.
+fn resolve_in<const N: usize>(
+    natural: &Natural<6>,
+    directions: &[usize],
+) -> Option<SpatialAcceleration> {
+    let at = |i: usize| directions[i];
+    let metric = SMatrix::<f64, N, N>::from_fn(|i, j| natural.metric[(at(i), at(j))]);
+    let force = SVector::<f64, N>::from_fn(|i, _| natural.force[at(i)]);
+    let solved = Cholesky::new(metric)?.solve(&force);
+    let mut acceleration = Vector6::zeros();
+    for (direction, value) in directions.iter().zip(solved.iter()) {
+        acceleration[*direction] = *value;
+    }
     Some(acceleration.into()).filter(SpatialAcceleration::is_finite)
 }
 

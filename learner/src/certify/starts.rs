@@ -64,6 +64,7 @@ impl Starts<'_> {
         if !skill.manifold.has_orientation() {
             pose.orientation = DQuat::IDENTITY;
         }
+        let pose = skill.manifold.part_of(&pose, set.map.goal().orientation);
         Start { pose, goal: self.goal(&goal_frame), frames }
     }
 
@@ -79,12 +80,13 @@ impl Starts<'_> {
         let from_start = points.map(|point| (point - self.set.start.position).length());
         let radius = settings.frame_translation_fraction * from_start.fold(0.0, f64::max);
         let position = frame.position + self.in_ball(radius, random);
-        let rotation = if self.skill.manifold == Manifold::R2 {
+        let rotation = if matches!(self.skill.manifold, Manifold::R2 | Manifold::R3S1) {
             DVec3::Z * (settings.frame_rotation_rad * random.random_range(-1.0..=1.0))
         } else {
             in_ball(settings.frame_rotation_rad, random)
         };
-        Pose { position, orientation: DQuat::from_scaled_axis(rotation) * frame.orientation }
+        let orientation = DQuat::from_scaled_axis(rotation) * frame.orientation;
+        self.skill.manifold.part_of(&Pose { position, orientation }, frame.orientation)
     }
 
     /// A point in a ball, or a disc in the plane.

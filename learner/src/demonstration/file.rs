@@ -12,6 +12,8 @@ use tprmp_spatial::Pose;
 use crate::demonstration::at_most::{Row, at_most, some_at_most};
 use crate::demonstration::bounds::diagonal;
 use crate::demonstration::gripper::Gripper;
+use crate::demonstration::part;
+use crate::demonstration::recorded::Demonstration;
 use crate::file_error::{FileError, read_text};
 
 /// Schema version this module reads and writes.
@@ -37,47 +39,6 @@ const STILL: f64 = 1e-9;
 const QUATERNION_TOLERANCE: f64 = 1e-3;
 /// Characters of a remark.
 const REMARK_MAX: usize = 2000;
-
-/// One demonstration: where the tool was, and the frames it belongs to.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Demonstration {
-    /// File name, without folders.
-    pub name: String,
-    /// SHA-256 of the file's bytes.
-    pub sha256: String,
-    /// Name of the skill.
-    pub skill: String,
-    /// Space of the poses.
-    pub manifold: Manifold,
-    /// Time between samples \[s\].
-    pub sampling_time_s: f64,
-    /// Start frame, in the robot's base frame.
-    pub start: Pose,
-    /// Goal frame, in the robot's base frame.
-    pub goal_frame: Pose,
-    /// Further frames by name, in the robot's base frame.
-    pub other_frames: BTreeMap<String, Pose>,
-    /// What somebody wrote into the file.
-    pub remarks: Remarks,
-    /// Poses of the tool in the robot's base frame; planar ones have z = 0 and no rotation.
-    pub poses: Vec<Pose>,
-    /// What the gripper does, where it is known; as many samples.
-    pub gripper: Option<Gripper>,
-}
-
-impl Demonstration {
-    /// How long it takes \[s\].
-    #[must_use]
-    pub fn duration_s(&self) -> f64 {
-        (self.poses.len() - 1) as f64 * self.sampling_time_s
-    }
-}
-
-/// How long demonstrations, of which there is at least one, take on average \[s\].
-#[must_use]
-pub fn mean_duration_s(demonstrations: &[Demonstration]) -> f64 {
-    demonstrations.iter().map(Demonstration::duration_s).sum::<f64>() / demonstrations.len() as f64
-}
 
 /// Largest diagonal of the box around a demonstration's samples \[m\].
 pub(crate) fn largest_span_m(demonstrations: &[Demonstration]) -> f64 {
@@ -125,11 +86,14 @@ pub fn columns(manifold: Manifold) -> &'static [&'static str] {
     match manifold {
         Manifold::R2 => &["x_m", "y_m"],
         Manifold::R3 => &["x_m", "y_m", "z_m"],
-        Manifold::R3S3 => &["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"],
+        Manifold::R3S1 | Manifold::S3 | Manifold::R3S3 => {
+            &["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
+        }
     }
 }
 
-/// Reads all demonstrations of a folder (`*.json`), in order of their names; hidden files are skipped.
+/// Reads all demonstrations of a folder (`*.json`), in order of their names; hidden files are skipped. Of those of poses
+/// a skill on R3, R3xS1 or S3 has its part.
 ///
 /// # Errors
 /// [`FileError`], naming file and key: the folder is missing or empty, a file is refused by
@@ -197,12 +161,18 @@ pub fn read_folder_with_all_frames(
             let problem = format!("expected `{skill}`, found `{}`", demonstration.skill);
             return Err(FileError::key(&file, "skill", problem));
         }
-        if demonstration.manifold != manifold {
-            let problem = format!("expected `{manifold}`, found `{}`", demonstration.manifold);
+        if !part::is_learned_from(manifold, demonstration.manifold) {
+            let expected = if manifold.is_part_of_pose() {
+                format!("`{}`, of which a skill on {manifold} has its part", Manifold::R3S3)
+            } else {
+                format!("`{manifold}`")
+            };
+            let problem = format!("expected {expected}, found `{}`", demonstration.manifold);
             return Err(FileError::key(&file, "manifold", problem));
         }
         demonstrations.push(demonstration);
     }
+    part::leave_part(&mut demonstrations, manifold, folder, [start_frame, goal_frame])?;
     Ok(demonstrations)
 }
 

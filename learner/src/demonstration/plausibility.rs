@@ -4,7 +4,7 @@
 use tprmp_spatial::Pose;
 
 use crate::demonstration::bounds::diagonal;
-use crate::demonstration::file::Demonstration;
+use crate::demonstration::recorded::Demonstration;
 
 /// No tool is faster [m/s].
 const SPEED_MAX_M_S: f64 = 20.0;

@@ -85,7 +85,7 @@ impl ThesisFit<'_> {
         match self.skill.manifold {
             Manifold::R2 => self.fit_in::<2>(),
             Manifold::R3 => self.fit_in::<3>(),
-            Manifold::R3S3 => self.fit_in::<6>(),
+            Manifold::R3S1 | Manifold::S3 | Manifold::R3S3 => self.fit_in::<6>(),
         }
     }
 

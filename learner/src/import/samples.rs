@@ -208,7 +208,7 @@ fn within(manifold: Manifold, pose: Pose) -> Pose {
     match manifold {
         Manifold::R2 => Pose { position: DVec3::new(x, y, 0.0), orientation: DQuat::IDENTITY },
         Manifold::R3 => Pose { position: DVec3::new(x, y, z), orientation: DQuat::IDENTITY },
-        Manifold::R3S3 => pose,
+        Manifold::R3S1 | Manifold::S3 | Manifold::R3S3 => pose,
     }
 }
 

@@ -192,7 +192,7 @@ impl Selection {
     pub(super) fn frames(&self, manifold: Manifold) -> [String; 2] {
         let [start, goal] = match manifold {
             Manifold::R2 => ["start", "end"],
-            Manifold::R3 | Manifold::R3S3 => ["ee_start", "object"],
+            Manifold::R3 | Manifold::R3S1 | Manifold::S3 | Manifold::R3S3 => ["ee_start", "object"],
         };
         let name = |chosen: &Option<String>, usual: &str| chosen.clone().unwrap_or(usual.into());
         [name(&self.start_frame, start), name(&self.goal_frame, goal)]

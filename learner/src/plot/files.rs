@@ -102,7 +102,11 @@ fn read_demonstrations(model: &SkillModel, folder: &Path) -> Result<Vec<Demonstr
             None => Ok(read),
         }
     };
-    model.provenance.demonstrations.iter().map(read).collect()
+    let sources = &model.provenance.demonstrations;
+    let mut demonstrations = sources.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let ends = [model.start_frame.as_str(), &model.goal_frame];
+    demonstration::leave_part(&mut demonstrations, model.manifold, folder, ends)?;
+    Ok(demonstrations)
 }
 
 /// What the page says before its pictures.

@@ -50,6 +50,13 @@ pub fn gallery(
     let skill = Skill::new(model, &position)?;
     let mut gallery = Gallery::new(&skill, demonstrations);
     let mean_frames = mean_frames(&skill, &gallery.frames);
+    if model.manifold == Manifold::S3 {
+        // Nothing moves but the orientation.
+        let scene = gallery.scene(mean_frames);
+        let starts: Vec<Pose> = scene.demonstrations.iter().map(|path| path[0]).collect();
+        gallery.add_orientation(&scene, &scene.rollouts(&starts));
+        return Ok(gallery.pictures);
+    }
     gallery.add_demonstrations();
     if !model.motion.is_discrete() {
         gallery.add_round(&mean_frames);
@@ -266,7 +273,11 @@ impl<'a> Gallery<'a> {
                            at the dot their sums.";
             self.add("forces", &figures.forces(&forces), caption.into());
         }
-        if let Some(figure) = self.orientation(&scene, figures.rollouts()) {
+        self.add_orientation(&scene, figures.rollouts());
+    }
+
+    fn add_orientation(&mut self, scene: &Scene, rollouts: &[Vec<Pose>]) {
+        if let Some(figure) = self.orientation(scene, rollouts) {
             let caption = "Components of the rotation vector r at the goal, q = q_goal exp(r), over \
                            the phase: demonstrations from their first to their last motion, rollouts \
                            from their starts, and the Gaussians with two standard deviations.";
@@ -281,7 +292,7 @@ impl<'a> Gallery<'a> {
         let slices = match manifold {
             Manifold::R2 => "",
             Manifold::R3 => "; slices through the goal, paths projected onto them",
-            Manifold::R3S3 => {
+            Manifold::R3S1 | Manifold::S3 | Manifold::R3S3 => {
                 "; slices through the goal with the tool rotated as there, paths projected onto them"
             }
         };

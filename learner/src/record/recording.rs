@@ -41,7 +41,12 @@ impl Task {
         let own_start = skill.has_start_frame();
         Self {
             skill: skill.skill.clone(),
-            manifold: skill.manifold,
+            // What is part of a pose is recorded as poses.
+            manifold: if skill.manifold.is_part_of_pose() {
+                Manifold::R3S3
+            } else {
+                skill.manifold
+            },
             required_frames: required.cloned().collect(),
             start_frame: own_start.then(|| skill.start_frame.clone()),
             sampling_time_s,

@@ -42,7 +42,25 @@ pub(crate) fn validate(skill: &Skill) -> Result<(), Wrong> {
     validate_positive(skill)?;
     validate_ranges(skill)?;
     validate_motion(skill)?;
+    validate_part(skill)?;
     validate_counts(skill)
+}
+
+/// What moves part of a pose ends, and has a canonical policy.
+fn validate_part(skill: &Skill) -> Result<(), Wrong> {
+    if !skill.manifold.is_part_of_pose() {
+        return Ok(());
+    }
+    let part = format!("since the skill moves part of a pose, {}", skill.manifold);
+    if !matches!(skill.fit, FitSettings::Canonical(_)) {
+        let problem =
+            format!("expected `Canonical`, {part}, found `Thesis`, whose policy moves all of one");
+        return Err(("fit", problem));
+    }
+    if skill.motion != MotionSettings::Discrete {
+        return Err(("motion", format!("expected `Discrete`, {part}, found `Periodic`")));
+    }
+    Ok(())
 }
 
 /// What goes round has one frame and a canonical policy.

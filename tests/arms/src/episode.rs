@@ -57,6 +57,8 @@ pub(crate) struct Outcome {
     pub(crate) distance_mm: f64,
     pub(crate) angle_deg: f64,
     pub(crate) contacts: Vec<String>,
+    /// Where the joints ended \[rad or m\].
+    pub(crate) joints: Vec<f64>,
     pub(crate) said: String,
 }
 
@@ -108,7 +110,7 @@ impl<const N: usize> Episode<'_, N> {
         };
         let mut kinematics = Kinematics::new();
         forward_kinematics(self.chain, &self.home, &mut kinematics);
-        let mut frames = self.frames(&kinematics.tool_pose())?;
+        let mut frames = self.frames()?;
         state.position[..N].copy_from_slice(self.home.as_slice());
         let (mut contacts, mut is_done) = (Vec::<String>::new(), false);
         while state.time_ns < (TIME_MAX_S * 1e9) as u64 {
@@ -142,25 +144,31 @@ impl<const N: usize> Episode<'_, N> {
             }
         }
         let tool = kinematics.tool_pose();
-        let turned = self.tool_goal.rotation_from(&tool).length().to_degrees();
+        let aside = (self.tool_goal.position - tool.position).to_array();
+        let turned = self.tool_goal.rotation_from(&tool).to_array();
+        // In what the skill decides about.
+        let length = |part: [f64; 3], first: usize| {
+            let decided = |axis: &usize| self.model.manifold.moved().contains(&(axis + first));
+            (0..3).filter(decided).map(|axis| part[axis] * part[axis]).sum::<f64>().sqrt()
+        };
         Ok(Outcome {
             is_done,
             time_s: state.time_ns as f64 * 1e-9,
-            distance_mm: 1e3 * tool.position.distance(self.tool_goal.position),
-            angle_deg: if self.model.manifold.has_orientation() { turned } else { 0.0 },
+            distance_mm: 1e3 * length(aside, 0),
+            angle_deg: length(turned, 3).to_degrees(),
             contacts,
+            joints: state.position[..N].to_vec(),
             said: String::new(),
         })
     }
 
-    fn frames(&self, tool: &Pose) -> Result<TaskFrames, String> {
-        let mut frames = TaskFrames { frame_count: 2, obstacle_count: 2, ..TaskFrames::default() };
-        let named = [(&self.model.start_frame, tool), (&self.model.goal_frame, &self.goal)];
-        for (frame, (name, pose)) in frames.frames.iter_mut().zip(named) {
-            *frame = Frame::at(name, pose.position.into()).map_err(|error| error.to_string())?;
-            let q = pose.orientation;
-            frame.quaternion = [q.w, q.x, q.y, q.z];
-        }
+    fn frames(&self) -> Result<TaskFrames, String> {
+        // The controller finds by itself where the tool starts.
+        let mut frames = TaskFrames { frame_count: 1, obstacle_count: 2, ..TaskFrames::default() };
+        let goal = Frame::at(&self.model.goal_frame, self.goal.position.into());
+        let q = self.goal.orientation;
+        frames.frames[0] =
+            Frame { quaternion: [q.w, q.x, q.y, q.z], ..goal.map_err(|error| error.to_string())? };
         let upright = [1.0, 0.0, 0.0, 0.0];
         frames.obstacles[0] = Obstacle {
             kind: ObstacleKind::Sphere.to_wire(),

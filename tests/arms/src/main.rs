@@ -15,6 +15,7 @@ use glam::DVec3;
 use nalgebra::SVector;
 use serde::Deserialize;
 use tprmp_controller::init::{self, Commands, Initialised, Options, Task};
+use tprmp_controller::motion::limits::working_range;
 use tprmp_controller::startup::{self, WithRobot};
 use tprmp_cover::Packages;
 use tprmp_files::{errln, outln};
@@ -182,18 +183,23 @@ impl WithRobot for Work<'_> {
         let (chain, points) =
             startup::robot::<N>(config_path, self.config).map_err(|error| error.to_string())?;
         let home = SVector::<f64, N>::from_fn(|i, _| self.made.home[i]);
-        let range = tprmp_controller::motion::limits::working_range(&chain, &self.config.robot);
+        let range = working_range(&chain, &self.config.robot);
+        let limits_act =
+            self.config.joint_limits.as_ref().map_or(0.0, |leaf| leaf.activation_distance);
         let cover = self.made.cover.as_ref().ok_or("no cover")?;
         let meshes = Meshes::new(&chain, cover, &home);
         let exempt = self.config.self_collision.as_ref().map_or(&[][..], |own| &own.exempt);
+        let low = self.config.collision.iter().flat_map(|collision| &collision.exempt);
         let search = Search {
             chain: &chain,
             model: self.model,
             home,
             range,
+            limits_act,
             table_m: TABLE_M,
             points: &points,
             pairs: &SelfPairs::new(&chain, &points, exempt),
+            may_be_low: low.map(|exempt| exempt.link.clone()).collect(),
         };
         let mut kinematics = Kinematics::new();
         forward_kinematics(&chain, &home, &mut kinematics);

@@ -80,8 +80,8 @@ impl Row {
                     format!(", contact: {}", o.contacts.join(", "))
                 };
                 format!(
-                    "{done}, {:.1} mm {:.1}° {:.1} s{contacts} {}",
-                    o.distance_mm, o.angle_deg, o.time_s, o.said
+                    "{done}, {:.1} mm {:.1}° {:.1} s{contacts} {}, joints {:.2?}",
+                    o.distance_mm, o.angle_deg, o.time_s, o.said, o.joints
                 )
             }
         };

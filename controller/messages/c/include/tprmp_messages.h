@@ -237,6 +237,8 @@ typedef enum tprmp_reason {
     TPRMP_REASON_FRAME_TWICE = 48,
     /* A joint that is a little outside its position limits is moved back, slowly. */
     TPRMP_REASON_JOINT_RETURNING = 49,
+    /* The start frame is published, and the tool that starts there is elsewhere. */
+    TPRMP_REASON_START_ELSEWHERE = 50,
 } tprmp_reason;
 
 /* Shape of an obstacle. */

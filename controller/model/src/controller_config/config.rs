@@ -5,7 +5,9 @@ use std::path::PathBuf;
 
 use glam::DQuat;
 use serde::Deserialize;
-use tprmp_rmpflow::leaves::{ApproachFunnel, Barrier, JointDamping, PoseAttractor, SpeedBarrier};
+use tprmp_rmpflow::leaves::{
+    ApproachFunnel, Barrier, JointDamping, KeepUpright, PoseAttractor, SpeedBarrier,
+};
 use tprmp_robot::{Interface, LimitOverride, Selection};
 use tprmp_spatial::Pose;
 
@@ -167,6 +169,15 @@ pub struct Loop {
     pub status_every_ticks: u32,
 }
 
+/// Where a skill's start frame comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub enum StartFrame {
+    /// It is published like all others.
+    Published,
+    /// It is the tool's own pose when the skill starts, and stays there.
+    Tool,
+}
+
 /// How the velocities of frames become accelerations.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -257,6 +268,8 @@ pub struct ControllerConfig {
     /// The loop.
     #[serde(rename = "loop")]
     pub cycle: Loop,
+    /// Where the start frames of the skills come from.
+    pub start_frame: StartFrame,
     /// Accelerations of frames.
     pub frame_observer: FrameObserver,
     /// The leaf of the skill that is the task.
@@ -266,6 +279,9 @@ pub struct ControllerConfig {
     /// Pulls the tool to the goal of the task beside the skills; `None` leaves that to them.
     #[serde(deserialize_with = "Option::deserialize")]
     pub goal_attractor: Option<PoseAttractor>,
+    /// Keeps an axis of the tool along one of the base; `None` leaves it to the skills.
+    #[serde(deserialize_with = "Option::deserialize")]
+    pub keep_upright: Option<KeepUpright>,
     /// Joint damping.
     pub joint_damping: JointDamping,
     /// Position limits of the joints as a leaf; `None` leaves them to the final limits alone.
@@ -365,6 +381,9 @@ impl ControllerConfig {
         }
         if let Some(attractor) = &self.goal_attractor {
             check.leaf("goal_attractor", |report| attractor.check(report));
+        }
+        if let Some(upright) = &self.keep_upright {
+            check.leaf("keep_upright", |report| upright.check(report));
         }
         check.leaf("joint_damping", |report| self.joint_damping.check(report));
         if let Some(barrier) = &self.joint_limits {

@@ -2,13 +2,14 @@
 
 use glam::{DQuat, DVec3};
 use nalgebra::SMatrix;
-use tprmp_rmpflow::policy::SkillPolicy;
 use tprmp_rmpflow::policy::canonical::frame_map::{Anchor, FrameMap, FrameMapError};
 use tprmp_rmpflow::policy::canonical::policy::{CanonicalPolicy, PositionField};
+use tprmp_rmpflow::policy::canonical::restriction::Restriction;
 use tprmp_rmpflow::policy::canonical::rounds::Cycle;
 use tprmp_rmpflow::policy::thesis::{
     PoseGaussian, ThesisComponent, ThesisPolicy, ThesisPolicyError,
 };
+use tprmp_rmpflow::policy::{FRAME_CAPACITY, SkillPolicy};
 
 use crate::skill_model::model::{
     Adaptation, FieldModel, FrameGaussian, FrameMixture, Manifold, PolicyModel, Pose, SkillModel,
@@ -24,6 +25,9 @@ pub enum EvaluationError {
     /// The Gaussians of the frames do not multiply.
     #[error("the Gaussians of the frames cannot be multiplied ({0:?})")]
     Product(ThesisPolicyError),
+    /// The thesis' policy moves all of a pose.
+    #[error("the thesis' policy moves all of a pose, R3xS1 and S3 are parts of one")]
+    PartOfPose,
 }
 
 impl From<FrameMapError> for EvaluationError {
@@ -52,6 +56,7 @@ impl SkillModel {
             PolicyModel::Thesis(thesis) => match self.manifold {
                 Manifold::R2 => SkillPolicy::Plane(thesis_policy(&self.frames, thesis)?),
                 Manifold::R3 => SkillPolicy::Space(thesis_policy(&self.frames, thesis)?),
+                Manifold::R3S1 | Manifold::S3 => return Err(EvaluationError::PartOfPose),
                 Manifold::R3S3 => SkillPolicy::Pose(thesis_policy(&self.frames, thesis)?),
             },
         })
@@ -103,14 +108,34 @@ impl SkillModel {
         });
         let position = match self.manifold {
             Manifold::R2 => PositionField::Plane(Box::new(position.field())),
-            Manifold::R3 | Manifold::R3S3 => PositionField::Space(Box::new(position.field())),
+            Manifold::R3 | Manifold::R3S1 | Manifold::S3 | Manifold::R3S3 => {
+                PositionField::Space(Box::new(position.field()))
+            }
         };
+        let map = self.frame_map()?;
         Ok(CanonicalPolicy {
-            map: self.frame_map()?,
+            restriction: self.restriction(&map),
+            map,
             position,
             orientation: orientation.map(|field| Box::new(field.field())),
             cycle,
         })
+    }
+
+    /// What of a pose the policy moves. Angles count from how goal and frames lie in canonical coordinates, where
+    /// their tilt is that of the demonstrations.
+    fn restriction(&self, map: &FrameMap) -> Option<Restriction> {
+        match self.manifold {
+            Manifold::R2 | Manifold::R3 | Manifold::R3S3 => None,
+            Manifold::S3 => Some(Restriction::Rotation),
+            Manifold::R3S1 => {
+                let mut frames = [DQuat::IDENTITY; FRAME_CAPACITY];
+                for anchor in map.anchors() {
+                    frames[anchor.index] = anchor.frame.orientation;
+                }
+                Some(Restriction::Yaw { tool: map.goal().orientation, frames })
+            }
+        }
     }
 }
 

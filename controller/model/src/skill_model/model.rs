@@ -3,6 +3,7 @@
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 use tprmp_rmpflow::policy::canonical::adaptation::{self, COORDINATES};
+use tprmp_rmpflow::policy::canonical::restriction::upright;
 
 use crate::skill_model::certificate::Certificate;
 use crate::skill_model::fit::Fit;
@@ -15,31 +16,69 @@ pub enum Manifold {
     R2,
     /// Positions in space.
     R3,
+    /// Positions in space, and the angle about the vertical, z of the base.
+    #[serde(rename = "R3xS1")]
+    R3S1,
+    /// Orientations.
+    S3,
     /// Poses: position and orientation.
     #[serde(rename = "R3xS3")]
     R3S3,
 }
 
 impl Manifold {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::R2, Self::R3, Self::R3S1, Self::S3, Self::R3S3];
+
     /// Dimension of the position block.
     #[must_use]
     pub fn position_dimension(self) -> usize {
         match self {
             Self::R2 => 2,
-            Self::R3 | Self::R3S3 => 3,
+            Self::R3 | Self::R3S1 | Self::S3 | Self::R3S3 => 3,
         }
     }
 
     /// Whether the skill has an orientation block.
     #[must_use]
     pub fn has_orientation(self) -> bool {
-        self == Self::R3S3
+        matches!(self, Self::R3S1 | Self::S3 | Self::R3S3)
     }
 
-    /// Dimension of a velocity.
+    /// Number of the coordinates of its blocks. A model on part of a pose has those of all poses.
     #[must_use]
     pub fn dimension(self) -> usize {
         self.position_dimension() + if self.has_orientation() { 3 } else { 0 }
+    }
+
+    /// Which coordinates of a pose it moves, displacement before rotation.
+    #[must_use]
+    pub fn moved(self) -> &'static [usize] {
+        match self {
+            Self::R2 => &[0, 1],
+            Self::R3 => &[0, 1, 2],
+            Self::R3S1 => &[0, 1, 2, 5],
+            Self::S3 => &[3, 4, 5],
+            Self::R3S3 => &[0, 1, 2, 3, 4, 5],
+        }
+    }
+
+    /// A pose as a skill on it sees it; of R3xS1 it is turned from a reference about z alone.
+    #[must_use]
+    pub fn part_of(self, pose: &tprmp_spatial::Pose, reference: DQuat) -> tprmp_spatial::Pose {
+        match self {
+            Self::R2 | Self::R3 | Self::R3S3 => *pose,
+            Self::R3S1 => {
+                tprmp_spatial::Pose { orientation: upright(pose.orientation, reference), ..*pose }
+            }
+            Self::S3 => tprmp_spatial::Pose { position: DVec3::ZERO, ..*pose },
+        }
+    }
+
+    /// Whether it moves part of a pose, by a policy on poses.
+    #[must_use]
+    pub fn is_part_of_pose(self) -> bool {
+        matches!(self, Self::R3S1 | Self::S3)
     }
 }
 
@@ -48,6 +87,8 @@ impl std::fmt::Display for Manifold {
         f.write_str(match self {
             Self::R2 => "R2",
             Self::R3 => "R3",
+            Self::R3S1 => "R3xS1",
+            Self::S3 => "S3",
             Self::R3S3 => "R3xS3",
         })
     }

@@ -134,7 +134,9 @@ impl SkillModel {
             }
         }
         let expected: &[&str] = match (&self.policy, self.manifold) {
-            (PolicyModel::Canonical { .. }, Manifold::R3S3) => &["position", "orientation"],
+            (PolicyModel::Canonical { .. }, manifold) if manifold.has_orientation() => {
+                &["position", "orientation"]
+            }
             (PolicyModel::Thesis(_), Manifold::R3S3) => &["pose"],
             _ => &["position"],
         };

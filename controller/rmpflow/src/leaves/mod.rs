@@ -10,6 +10,7 @@
 //! | [`Avoidance`] | the points of a [`Body`] among obstacles: clearance, and [`Steering`] around them |
 //! | [`SelfCollision`] | pairs of points of a body |
 //! | [`PoseAttractor`] | the pose of the tool |
+//! | [`KeepUpright`] | the direction of an axis of the tool |
 //! | [`ApproachFunnel`] | the tool near its goal |
 //! | [`VelocityFollower`] | the velocity of the tool |
 //! | [`JointDamping`], [`Posture`], [`JointLimits`], [`JointSpeedLimits`] | the joints |
@@ -29,6 +30,7 @@ pub mod range;
 mod self_collision;
 mod steering;
 mod tick;
+mod upright;
 
 pub use attractor::PoseAttractor;
 pub use avoidance::{Avoidance, Proximity};
@@ -42,3 +44,4 @@ pub use posture::{JointDamping, Posture};
 pub use self_collision::SelfCollision;
 pub use steering::{AvoidanceState, Free, STEERED_CAPACITY, Side, Steering};
 pub use tick::{Task, Tick};
+pub use upright::KeepUpright;

@@ -4,6 +4,7 @@ use nalgebra::Vector6;
 use tprmp_spatial::{MovingPose, Pose, SpatialAcceleration, Twist};
 
 use crate::policy::canonical::policy::{CanonicalPolicy, PositionField};
+use crate::policy::canonical::restriction::Restriction;
 use crate::policy::thesis::{ThesisPolicy, ThesisState};
 use crate::policy::value::{Phase, SkillInertia, SkillValue};
 
@@ -37,6 +38,8 @@ pub struct PolicyState {
     phase: Option<Phase>,
     /// How many rounds were completed since the start, of a skill that goes round.
     rounds: f64,
+    /// Where the tool was when it was evaluated last.
+    tool: Option<Pose>,
     /// Whether an obstacle holds the tool back.
     held: bool,
     /// Whether something beside the policy acted on the tool.
@@ -153,6 +156,7 @@ impl SkillPolicy {
     ) -> SkillValue {
         match self {
             Self::Canonical(skill) => {
+                state.tool = Some(*pose);
                 let Some(transforms) = skill.transforms(frames) else {
                     return SkillValue::undefined();
                 };
@@ -181,8 +185,16 @@ impl SkillPolicy {
             Self::Plane(_) => true,
             Self::Space(_) | Self::Pose(_) => false,
         };
+        let restriction = match self {
+            Self::Canonical(skill) => skill.restriction,
+            _ => None,
+        };
         let (height, rotation) = (f64::from(!planar), f64::from(self.has_orientation()));
-        Vector6::new(1.0, 1.0, height, rotation, rotation, rotation)
+        match restriction {
+            None => Vector6::new(1.0, 1.0, height, rotation, rotation, rotation),
+            Some(Restriction::Yaw { .. }) => Vector6::new(1.0, 1.0, 1.0, 0.0, 0.0, 1.0),
+            Some(Restriction::Rotation) => Vector6::new(0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
+        }
     }
 
     /// A place of the skill's path for these frames, in the world: of fields the valley at a phase, of products
@@ -202,7 +214,8 @@ impl SkillPolicy {
         .unwrap_or(Pose::UNDEFINED)
     }
 
-    /// The goal for these frames, in the world; not finite for fewer frames than the policy has. A skill that goes
+    /// The goal for these frames, in the world; not finite for fewer frames than the policy has. Of what it does not
+    /// move, it is where the tool was when the policy was evaluated last. A skill that goes
     /// round has none: the place of its path at the present phase.
     ///
     /// Hot path: no allocation; after [`SkillPolicy::evaluate`] with the same frames it costs nothing, or the weights of
@@ -214,7 +227,9 @@ impl SkillPolicy {
                 let phase = state.phase.map_or(0.0, |phase| phase.value);
                 skill.on_path(frames, phase).unwrap_or(Pose::UNDEFINED)
             }
-            Self::Canonical(skill) => skill.map.goal_among(frames).unwrap_or(Pose::UNDEFINED),
+            Self::Canonical(skill) => {
+                skill.goal(frames, state.tool.as_ref()).unwrap_or(Pose::UNDEFINED)
+            }
             Self::Plane(skill) => {
                 skill.update(frames, &mut state.plane);
                 state.plane.goal()
@@ -267,6 +282,7 @@ mod tests {
             map: FrameMap::new(&anchors, goal, true).unwrap(),
             position: PositionField::Space(Box::new(field)),
             orientation: None,
+            restriction: None,
             cycle: None,
         })
     }

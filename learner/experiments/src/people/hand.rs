@@ -265,6 +265,7 @@ fn demonstration(
         skill: match scene {
             Scene::Insertion => "insertion",
             Scene::Gate => "gate",
+            Scene::Place => "place",
         }
         .into(),
         manifold: Manifold::R3S3,

@@ -14,6 +14,8 @@ pub enum Scene {
     Insertion,
     /// From a start frame through a gate, which lies elsewhere each time, to a goal.
     Gate,
+    /// From the tool onto a place that is turned about the vertical, elsewhere each time; the tool points down.
+    Place,
 }
 
 /// Name of the frame that the gate scene has besides start and goal.
@@ -49,6 +51,11 @@ impl Scene {
             let orientation = tilt * DQuat::from_rotation_z(yaw);
             Pose { position: DVec3::from_array(position) + by, orientation }
         };
+        if self == Self::Place {
+            let mut start = near([0.4, -0.2, 0.3], 0.06, 0.5, 0.0);
+            start.orientation *= DQuat::from_rotation_x(std::f64::consts::PI);
+            return Frames { start, goal: near([0.4, 0.2, 0.2], 0.08, 2.1, 0.0), gate: None };
+        }
         let start = near([0.35, -0.3, 0.35], 0.08, 0.3, 0.1);
         let goal = near([0.45, 0.3, 0.08], 0.12, 0.6, 0.15);
         let gate = (self == Self::Gate).then(|| near([0.5, 0.0, 0.3], 0.1, 0.5, 0.0));
@@ -63,17 +70,24 @@ impl Scene {
             let orientation = down * DQuat::from_rotation_y(pitch);
             frame.compose(&Pose { position: DVec3::new(x, y, z), orientation })
         };
-        let mut vias = vec![
-            in_frame(&frames.start, 0.0, 0.0, 0.0, 0.4),
-            in_frame(&frames.start, 0.03, 0.06, 0.06, 0.35),
-        ];
+        let mut vias = match self {
+            Self::Place => {
+                let up = Pose { position: frames.start.position + DVec3::Z * 0.05, ..frames.start };
+                vec![frames.start, up]
+            }
+            Self::Insertion | Self::Gate => vec![
+                in_frame(&frames.start, 0.0, 0.0, 0.0, 0.4),
+                in_frame(&frames.start, 0.03, 0.06, 0.06, 0.35),
+            ],
+        };
         if let Some(gate) = &frames.gate {
             vias.push(in_frame(gate, -0.02, -0.07, 0.0, 0.1));
             vias.push(in_frame(gate, 0.0, 0.0, 0.0, 0.0));
             vias.push(in_frame(gate, 0.02, 0.07, 0.0, -0.1));
         }
-        vias.push(in_frame(&frames.goal, 0.0, 0.0, 0.2, 0.0));
-        vias.push(in_frame(&frames.goal, 0.0, 0.0, 0.1, 0.0));
+        let above = if self == Self::Place { 0.5 } else { 1.0 };
+        vias.push(in_frame(&frames.goal, 0.0, 0.0, 0.2 * above, 0.0));
+        vias.push(in_frame(&frames.goal, 0.0, 0.0, 0.1 * above, 0.0));
         vias.push(in_frame(&frames.goal, 0.0, 0.0, 0.0, 0.0));
         TruePath::through(&vias)
     }

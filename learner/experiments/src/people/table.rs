@@ -33,7 +33,7 @@ pub struct Row {
 pub fn count(scene: Scene) -> usize {
     match scene {
         Scene::Insertion => 5,
-        Scene::Gate => 6,
+        Scene::Gate | Scene::Place => 6,
     }
 }
 
@@ -43,7 +43,7 @@ pub fn skill(shipped: &Skill, scene: Scene, method: AlignmentMethod) -> Skill {
     let mut skill = shipped.clone();
     skill.alignment.method = method;
     skill.other_frames = match scene {
-        Scene::Insertion => Vec::new(),
+        Scene::Insertion | Scene::Place => Vec::new(),
         Scene::Gate => vec![GATE.into()],
     };
     skill

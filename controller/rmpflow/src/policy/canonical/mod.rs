@@ -4,4 +4,5 @@ pub mod adaptation;
 pub mod field;
 pub mod frame_map;
 pub mod policy;
+pub mod restriction;
 pub mod rounds;

@@ -21,8 +21,9 @@ use tprmp_spatial::{MovingPose, Pose, Twist, Wrench};
 use crate::natural::Natural;
 use crate::policy::canonical::field::Field;
 use crate::policy::canonical::frame_map::{Canonical, FrameMap, FrameTransforms, Mapped};
+use crate::policy::canonical::restriction::Restriction;
 use crate::policy::canonical::rounds::Cycle;
-use crate::policy::value::{Phase, PhaseResponse, SkillInertia, SkillValue};
+use crate::policy::value::{FRAME_CAPACITY, Phase, PhaseResponse, SkillInertia, SkillValue};
 
 /// Phases that are compared to find the one to start with.
 const PHASES_COMPARED: usize = 97;
@@ -52,6 +53,8 @@ pub struct CanonicalPolicy {
     pub position: PositionField,
     /// Orientation chart, with unit inertia at the goal; `None` when orientation is free.
     pub orientation: Option<Box<Field<4>>>,
+    /// What of the pose it moves; `None` for all that its fields are functions of.
+    pub restriction: Option<Restriction>,
     /// For a skill that goes round, whose fields are on the cover of the circle; its goal is the centre of
     /// its coordinates.
     pub cycle: Option<Cycle>,
@@ -166,7 +169,22 @@ impl CanonicalPolicy {
     #[inline]
     #[must_use]
     pub fn transforms(&self, frames: &[MovingPose]) -> Option<FrameTransforms> {
-        self.map.transforms(frames)
+        match &self.restriction {
+            None => self.map.transforms(frames),
+            Some(restriction) => {
+                let count = frames.len().min(FRAME_CAPACITY);
+                self.map.transforms(&restriction.frames(frames)[..count])
+            }
+        }
+    }
+
+    /// The goal for these frames, for a tool where there is one; `None` for too few of them.
+    #[must_use]
+    pub fn goal(&self, frames: &[MovingPose], tool: Option<&Pose>) -> Option<Pose> {
+        let Some(restriction) = &self.restriction else { return self.map.goal_among(frames) };
+        let count = frames.len().min(FRAME_CAPACITY);
+        let goal = self.map.goal_among(&restriction.frames(frames)[..count])?;
+        Some(tool.map_or(goal, |tool| restriction.nearest(&goal, tool)))
     }
 
     /// Evaluates the skill for a moving pose, at a phase.
@@ -177,6 +195,24 @@ impl CanonicalPolicy {
     /// Hot path: no allocation. Input that is not finite gives output that is not finite.
     #[must_use]
     pub fn evaluate(
+        &self,
+        inertia: &SkillInertia,
+        transforms: &FrameTransforms,
+        pose: &Pose,
+        velocity: &Twist,
+        phase: &Phase,
+    ) -> SkillValue {
+        let Some(restriction) = &self.restriction else {
+            return self.evaluate_whole(inertia, transforms, pose, velocity, phase);
+        };
+        let seen = restriction.tool(pose, velocity);
+        let (pose, velocity) = (&seen.pose, &seen.velocity);
+        seen.pulled_back(&self.evaluate_whole(inertia, transforms, pose, velocity, phase))
+    }
+
+    /// The same of a policy that moves all of the pose.
+    #[inline]
+    fn evaluate_whole(
         &self,
         inertia: &SkillInertia,
         transforms: &FrameTransforms,
@@ -219,6 +255,8 @@ impl CanonicalPolicy {
         transforms: &FrameTransforms,
         pose: &Pose,
     ) -> Phase {
+        let seen = self.restriction.as_ref().map(|r| r.tool(pose, &Twist::ZERO).pose);
+        let pose = seen.as_ref().unwrap_or(pose);
         let tolerance = self.tolerance(inertia).sqrt();
         let from_start = self.distance_from_start(inertia, transforms, pose).map(f64::sqrt);
         let start = Phase { value: 0.0, rate_1_s: 0.0 };

@@ -51,6 +51,7 @@ fn skill() -> CanonicalPolicy {
         map: FrameMap::new(&anchors, goal, true).unwrap(),
         position: PositionField::Space(Box::new(position)),
         orientation: Some(Box::new(orientation)),
+        restriction: None,
         cycle: None,
     }
 }
@@ -250,4 +251,73 @@ fn a_planar_field_leaves_height_and_orientation_alone() {
     assert!(value.natural.force.fixed_rows::<3>(3).norm() == 0.0);
     assert!(value.natural.metric.fixed_view::<3, 3>(3, 3).norm() == 0.0);
     assert!(value.natural.metric[(0, 0)] > 0.5);
+}
+
+/// The skill on part of a pose, with angles that count from how its frames lie.
+fn restricted(restriction: fn(&CanonicalPolicy) -> Restriction) -> SkillPolicy {
+    let mut skill = skill();
+    // Learned of poses that are turned about the vertical alone.
+    let vertical = skill.map.goal().orientation.conjugate() * DVec3::Z;
+    let orientation = path((vertical * -0.8).into(), Vector3::zeros(), 12.0);
+    skill.orientation = Some(Box::new(orientation));
+    skill.restriction = Some(restriction(&skill));
+    if skill.restriction == Some(Restriction::Rotation) {
+        // Learned of poses at the origin.
+        let at_origin = |pose: Pose| Pose { position: DVec3::ZERO, ..pose };
+        let anchors = [0, 1].map(|i| {
+            let anchor = skill.map.anchors()[i];
+            Anchor { frame: at_origin(anchor.frame), point: DVec3::ZERO, ..anchor }
+        });
+        skill.map = FrameMap::new(&anchors, at_origin(skill.map.goal()), true).unwrap();
+        let position = path(Vector3::zeros(), Vector3::zeros(), 16.0);
+        skill.position = PositionField::Space(Box::new(position));
+    }
+    SkillPolicy::Canonical(skill)
+}
+
+#[test]
+fn on_part_of_a_pose_the_energy_never_rises_however_the_rest_of_it_is_moved() {
+    let yaw = |skill: &CanonicalPolicy| {
+        let mut frames = [DQuat::IDENTITY; FRAME_CAPACITY];
+        for anchor in skill.map.anchors() {
+            frames[anchor.index] = anchor.frame.orientation;
+        }
+        Restriction::Yaw { tool: skill.map.goal().orientation, frames }
+    };
+    for (policy, moved) in [(restricted(yaw), 4), (restricted(|_| Restriction::Rotation), 3)] {
+        let frames = [at([0.37, 0.2, 0.33], 0.4), at([0.58, -0.2, 0.08], -0.7)];
+        let mut pose = Pose {
+            position: DVec3::new(0.35, 0.2, 0.4),
+            orientation: DQuat::from_scaled_axis(DVec3::new(2.6, -0.4, 0.9)),
+        };
+        let mut velocity = Twist { linear: DVec3::X * 0.2, angular: DVec3::Z * 0.5 };
+        let mut state = PolicyState::default();
+        let (mut first, mut last) = (None, f64::INFINITY);
+        let dt = 2e-4;
+        for step in 0..100_000 {
+            let value = policy.evaluate(&INERTIA, &frames, &pose, &velocity, &mut state);
+            // A step of 0.2 ms leaves some of what the other acceleration does to what is moved.
+            assert!(value.energy <= last + 1e-6, "{step}: {} > {last}", value.energy);
+            first.get_or_insert(value.energy);
+            last = value.energy;
+            let svd = value.natural.metric.svd(true, true);
+            assert_eq!(svd.rank(1e-9), moved);
+            // What it does not move is moved by something else, to and fro.
+            let other = Vector6::from_fn(|i, _| 5.0 * ((step * (i + 2)) as f64 * 1e-3).cos());
+            let own = svd.pseudo_inverse(1e-9).unwrap() * value.natural.metric;
+            let acceleration = svd.solve(&value.natural.force, 1e-9).unwrap() + other - own * other;
+            let acceleration = acceleration.into();
+            state.advance(&value, &acceleration, dt);
+            velocity = velocity.advanced(&acceleration, dt);
+            pose = pose.advanced(&velocity, dt);
+        }
+        let goal = policy.goal(&frames, &mut state);
+        let beside = Vector6::from(Twist {
+            linear: pose.position - goal.position,
+            angular: pose.rotation_from(&goal),
+        });
+        assert!(first.unwrap() > last + 1.0, "{first:?} {last}");
+        let moved = policy.moved();
+        assert!(beside.component_mul(&moved).norm() < 1e-3, "{beside}");
+    }
 }
