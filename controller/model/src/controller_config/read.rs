@@ -175,6 +175,8 @@ mod tests {
     fn a_missing_key_is_an_error_where_none_is_a_value_too() {
         for key in [
             "base_link",
+            "payload",
+            "gripped",
             "control_points",
             "goal_attractor",
             "joint_limits",
@@ -242,6 +244,27 @@ mod tests {
                 "goal_attractor: Some((linear_inertia_kg: 1.0, angular_inertia_kg_m2: 0.1, \
                  stiffness_1_s2: 9.0, damping_1_s: 6.0, saturation_m: 0.0))",
                 "goal_attractor.saturation_m",
+            ),
+            (
+                "payload: None",
+                "payload: Some((mass_kg: 0.0, centre_m: (0.0, 0.0, 0.1)))",
+                "robot.payload.mass_kg",
+            ),
+            (
+                "payload: None",
+                "payload: Some((mass_kg: 1.0, centre_m: (0.0, NaN, 0.1)))",
+                "robot.payload.centre_m",
+            ),
+            (
+                "gripped: None",
+                "gripped: Some((mass_kg: -1.0, centre_m: (0.0, 0.0, 0.0), spheres: [], obstacle_within_m: 0.0))",
+                "gripped.mass_kg",
+            ),
+            (
+                "gripped: None",
+                "gripped: Some((mass_kg: 0.0, centre_m: (0.0, 0.0, 0.0), obstacle_within_m: 0.0, spheres: \
+                 [(position_m: (0.0, 0.0, 0.0), radius_m: 0.1), (position_m: (0.0, 0.0, 0.1), radius_m: 0.0)]))",
+                "gripped.spheres[1].radius_m",
             ),
             ("linear_max_m_s: 0.25", "linear_max_m_s: inf", "external.linear_max_m_s"),
             ("angular_max_rad_s: 1.0", "angular_max_rad_s: 0.0", "external.angular_max_rad_s"),
