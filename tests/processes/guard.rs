@@ -120,9 +120,7 @@ fn case(draw: &mut Draw, torque: bool, seen: &mut [u64]) -> (Value, u64) {
             state.position[joint] = command.position[joint] + 0.01 * draw.unit();
             state.velocity[joint] = command.velocity[joint];
         }
-        if draw.below(100) == 0 {
-            state.position[0] = f64::NAN;
-        }
+        state.position[0] = if draw.below(100) == 0 { f64::NAN } else { state.position[0] };
         if draw.below(20) == 0 {
             // Reported in another turn.
             state.position[draw.below(joints)] -= TAU;
@@ -153,8 +151,8 @@ fn case(draw: &mut Draw, torque: bool, seen: &mut [u64]) -> (Value, u64) {
     for (cause, count) in guard.counts().found() {
         seen[cause as usize] += count;
     }
-    let counts: serde_json::Map<_, _> =
-        guard.counts().found().map(|(cause, count)| (cause.name().into(), count.into())).collect();
+    let counts = guard.counts().found().map(|(cause, count)| (cause.name().into(), count.into()));
+    let counts: serde_json::Map<_, _> = counts.collect();
     let bounds = bounds.map(|b| {
         let continuous: Vec<_> = (0..joints).filter(|&joint| b.continuous[joint]).collect();
         json!([b.speed_max, b.acceleration_max, b.deceleration, continuous])

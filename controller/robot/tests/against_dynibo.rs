@@ -9,9 +9,8 @@ use dynibo::Robot;
 use glam::{DMat3, DVec3};
 use nalgebra::{DMatrix, SMatrix, SVector};
 use tprmp_robot::{
-    Chain, Kinematics, Payload, PointMass, Selection, forward_dynamics,
-    forward_kinematics_with_velocity, gravity_torques, gravity_torques_with, inverse_dynamics,
-    inverse_dynamics_with, mass_matrix,
+    Chain, Kinematics, PointMass, Selection, forward_dynamics, forward_kinematics_with_velocity,
+    gravity_torques, gravity_torques_with, inverse_dynamics, inverse_dynamics_with, mass_matrix,
 };
 
 /// The gravity that dynibo has built in [m/s²].
