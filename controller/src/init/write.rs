@@ -334,7 +334,6 @@ fn reach() -> String {
     let mut text = Text::new(1);
     text.comment("The goal may be approached from any side.").key("approach", "None");
     text.comment("No gripper: the skill itself is the task.").key("lift", "None");
-    text.key("gripped", "None");
     text.comment("A default: so near the skill has done what it was learned for.");
     text.key("done", "(distance_m: 0.002, angle_rad: 0.02)");
     text.finish()
