@@ -44,7 +44,7 @@ class JointBounds:
     deceleration: Sequence[float]
     """How hard the robot brakes [rad/s² or m/s²]."""
     continuous: Collection[int] = ()
-    """Joints, counted from 0, that rotate without an end: steps of theirs are measured modulo a turn,
+    """Joints, counted from 0, that rotate without an end: their steps are measured modulo a turn,
     as a robot that reports them within one is commanded."""
 
 

@@ -245,27 +245,6 @@ mod tests {
                  stiffness_1_s2: 9.0, damping_1_s: 6.0, saturation_m: 0.0))",
                 "goal_attractor.saturation_m",
             ),
-            (
-                "payload: None",
-                "payload: Some((mass_kg: 0.0, centre_m: (0.0, 0.0, 0.1)))",
-                "robot.payload.mass_kg",
-            ),
-            (
-                "payload: None",
-                "payload: Some((mass_kg: 1.0, centre_m: (0.0, NaN, 0.1)))",
-                "robot.payload.centre_m",
-            ),
-            (
-                "gripped: None",
-                "gripped: Some((mass_kg: -1.0, centre_m: (0.0, 0.0, 0.0), spheres: [], obstacle_within_m: 0.0))",
-                "gripped.mass_kg",
-            ),
-            (
-                "gripped: None",
-                "gripped: Some((mass_kg: 0.0, centre_m: (0.0, 0.0, 0.0), obstacle_within_m: 0.0, spheres: \
-                 [(position_m: (0.0, 0.0, 0.0), radius_m: 0.1), (position_m: (0.0, 0.0, 0.1), radius_m: 0.0)]))",
-                "gripped.spheres[1].radius_m",
-            ),
             ("linear_max_m_s: 0.25", "linear_max_m_s: inf", "external.linear_max_m_s"),
             ("angular_max_rad_s: 1.0", "angular_max_rad_s: 0.0", "external.angular_max_rad_s"),
             ("linear_inertia_kg: 4.0", "linear_inertia_kg: -4.0", "external.linear_inertia_kg"),
@@ -289,6 +268,36 @@ mod tests {
             ("\"elbow_joint\": (0.1", "\"elbow_joint\": (3.0", "robot.working_range"),
         ];
         for (from, to, key) in refused {
+            let error = error_of(|t| t.replace(from, to));
+            assert!(error.contains(key), "{key}: {error}");
+        }
+    }
+
+    #[test]
+    fn what_is_carried_is_checked() {
+        for (from, to, key) in [
+            (
+                "payload: None",
+                "payload: Some((mass_kg: 0.0, centre_m: (0.0, 0.0, 0.1)))",
+                "robot.payload.mass_kg",
+            ),
+            (
+                "payload: None",
+                "payload: Some((mass_kg: 1.0, centre_m: (0.0, NaN, 0.1)))",
+                "robot.payload.centre_m",
+            ),
+            (
+                "gripped: None",
+                "gripped: Some((mass_kg: -1.0, centre_m: (0.0, 0.0, 0.0), spheres: [], obstacle_within_m: 0.0))",
+                "gripped.mass_kg",
+            ),
+            (
+                "gripped: None",
+                "gripped: Some((mass_kg: 0.0, centre_m: (0.0, 0.0, 0.0), obstacle_within_m: 0.0, spheres: \
+                 [(position_m: (0.0, 0.0, 0.0), radius_m: 0.1), (position_m: (0.0, 0.0, 0.1), radius_m: 0.0)]))",
+                "gripped.spheres[1].radius_m",
+            ),
+        ] {
             let error = error_of(|t| t.replace(from, to));
             assert!(error.contains(key), "{key}: {error}");
         }
