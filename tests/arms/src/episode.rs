@@ -155,7 +155,8 @@ impl<const N: usize> Episode<'_, N> {
             is_done,
             time_s: state.time_ns as f64 * 1e-9,
             distance_mm: 1e3 * length(aside, 0),
-            angle_deg: length(turned, 3).to_degrees(),
+            // The sum of nothing is −0.
+            angle_deg: length(turned, 3).to_degrees() + 0.0,
             contacts,
             joints: state.position[..N].to_vec(),
             said: String::new(),
