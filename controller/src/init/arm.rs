@@ -213,8 +213,10 @@ impl<'a> Tree<'a> {
                 break;
             }
         }
+        let has = |link: &String, word: &str| link.to_lowercase().contains(word);
+        let is_finger = |link: &String| GRIPPER_WORDS.iter().any(|word| has(link, word));
         let named =
-            |word: &&str| fixed.iter().skip(1).find(|link| link.to_lowercase().contains(*word));
+            |word: &&str| fixed.iter().skip(1).find(|link| has(link, word) && !is_finger(link));
         TOOL_WORDS.iter().find_map(named).cloned().unwrap_or_else(|| link.to_owned())
     }
 
