@@ -4,14 +4,12 @@ use core::fmt;
 
 use nalgebra::{DMatrix, SMatrix, SVector};
 use tprmp_model::skill_model::Manifold;
-use tprmp_robot::{Chain, Kinematics, forward_kinematics};
+use tprmp_robot::{Chain, Kinematics, forward_kinematics, spread_posture};
 
 /// So many postures are looked at: a direction that exists is lost in few of them.
-const POSTURES: u32 = 64;
+const POSTURES: usize = 64;
 /// A direction is none where the tool moves along it by less than this fraction of what it moves along the best one.
 const FRACTION_MIN: f64 = 1e-3;
-/// Joints that go round, and those that go farther, are looked at within this \[rad or m\].
-const RANGE_MAX: f64 = core::f64::consts::PI;
 /// The directions, displacement before rotation.
 const AXES: [&str; 3] = ["x", "y", "z"];
 
@@ -27,18 +25,12 @@ impl<const N: usize> Freedom<N> {
     #[must_use]
     pub fn of(chain: &Chain<N>, [lower, upper]: &[SVector<f64, N>; 2]) -> Self {
         let mut kinematics = Kinematics::new();
-        let jacobian = |k: u32| {
-            let q = SVector::from_fn(|i, _| {
-                // Multiples of the roots of primes are spread evenly over a range.
-                let root = [2.0_f64, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0][i % 8].sqrt();
-                let fraction = (f64::from(k + 1) * root).fract();
-                let (low, high) = (lower[i].max(-RANGE_MAX), upper[i].min(RANGE_MAX));
-                low + (high - low) * fraction
-            });
+        let jacobian = |k: usize| {
+            let q = spread_posture(lower, upper, k);
             forward_kinematics(chain, &q, &mut kinematics);
             kinematics.tool_jacobian
         };
-        let mut jacobians: Vec<SMatrix<f64, 6, N>> = (0..POSTURES).map(jacobian).collect();
+        let mut jacobians: Vec<SMatrix<f64, 6, N>> = (1..=POSTURES).map(jacobian).collect();
         // How far the tool is moved by a rotation of the joints.
         let length = jacobians.iter().map(|j| j.fixed_rows::<3>(0).amax()).fold(0.0, f64::max);
         for jacobian in &mut jacobians {

@@ -1,6 +1,6 @@
 //! Whether the shapes of two links touch: the shapes themselves, not their spheres.
 
-use glam::{DAffine3, DVec3};
+use glam::DVec3;
 use parry3d_f64::math::{Pose, Rotation, Vector};
 use parry3d_f64::query::intersection_test;
 use parry3d_f64::shape::TriMesh;
@@ -22,7 +22,11 @@ impl LinkMeshes {
     /// Whether the surfaces of two links, indices of the cover's links, touch where their frames are so in the
     /// base. `false` where one has no shape.
     #[must_use]
-    pub fn touch(&self, (a, at_a): (usize, &DAffine3), (b, at_b): (usize, &DAffine3)) -> bool {
+    pub fn touch(
+        &self,
+        (a, at_a): (usize, &tprmp_spatial::Pose),
+        (b, at_b): (usize, &tprmp_spatial::Pose),
+    ) -> bool {
         let mesh = |link: usize| self.0.get(link).and_then(Option::as_ref);
         let (Some(one), Some(other)) = (mesh(a), mesh(b)) else { return false };
         let found = intersection_test(&pose(at_a), one, &pose(at_b), other);
@@ -30,7 +34,7 @@ impl LinkMeshes {
     }
 }
 
-fn pose(at: &DAffine3) -> Pose {
-    let (_, q, p) = at.to_scale_rotation_translation();
+fn pose(at: &tprmp_spatial::Pose) -> Pose {
+    let (p, q) = (at.position, at.orientation);
     Pose::from_parts(Vector::new(p.x, p.y, p.z), Rotation::from_xyzw(q.x, q.y, q.z, q.w))
 }

@@ -40,7 +40,7 @@ use std::path::Path;
 
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
-use tprmp_robot::{CONTROL_POINT_CAPACITY, Selection};
+use tprmp_robot::{CONTROL_POINT_CAPACITY, Document, Selection};
 
 pub use contact::LinkMeshes;
 pub use error::CoverError;
@@ -157,14 +157,30 @@ pub fn cover(
     packages: &Packages,
     options: &Options,
 ) -> Result<Cover, CoverError> {
+    cover_document(&links::read(urdf)?, selection, packages, options)
+}
+
+/// As [`cover`], of a description that was read.
+///
+/// # Errors
+///
+/// As [`cover`].
+pub fn cover_document(
+    document: &Document,
+    selection: Option<&Selection>,
+    packages: &Packages,
+    options: &Options,
+) -> Result<Cover, CoverError> {
     check(options)?;
-    let description = Description::read(urdf)?;
-    let names = description.moving_links(urdf, selection)?;
+    let urdf = document.file.as_path();
+    let description = Description { document };
+    let names = description.moving_links(selection)?;
+    description.check_shapes(&names)?;
     if names.is_empty() {
         return Err(CoverError::NothingMoves { file: urdf.to_owned() });
     }
     let links: Vec<LinkShapes> =
-        names.par_iter().map(|link| description.shapes(urdf, link, packages)).collect();
+        names.par_iter().map(|link| description.shapes(link, packages)).collect();
     let coverable: Vec<Option<Coverable>> =
         links.par_iter().map(|link| Coverable::new(&link.triangles, link.excess)).collect();
     let fixed: usize = links.iter().map(|link| link.spheres.len()).sum();

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use glam::{DAffine3, DMat3, DVec3};
-use tprmp_robot::Selection;
-use urdf_rs::{Geometry, Joint, JointType, Pose, Robot};
+use glam::{DAffine3, DVec3};
+use tprmp_robot::document::{DocumentFault, Joint, JointType, Origin, Owner, Shape};
+use tprmp_robot::{Document, Selection, UrdfFault};
 
 use crate::error::CoverError;
 use crate::mesh::{self, MeshFault};
@@ -13,9 +13,6 @@ use crate::primitives;
 use crate::spheres::Sphere;
 use crate::triangle::Triangle;
 use crate::{MissingMesh, primitives::EXCESS};
-
-/// Largest URDF \[bytes\].
-const URDF_BYTES_MAX: u64 = 4 << 20;
 
 /// What has to be covered of a link.
 #[derive(Debug, Default)]
@@ -31,36 +28,49 @@ pub(crate) struct LinkShapes {
     pub(crate) excess: f64,
 }
 
-/// A robot description as it was read.
-pub(crate) struct Description {
-    pub(crate) robot: Robot,
+/// Reads a URDF.
+pub(crate) fn read(file: &Path) -> Result<Document, CoverError> {
+    Document::read(file).map_err(|error| not_usable(file, &error.faults))
 }
 
-impl Description {
-    pub(crate) fn read(file: &Path) -> Result<Self, CoverError> {
-        let not_readable = |text: String| CoverError::Urdf { file: file.to_owned(), text };
-        let text = tprmp_files::read_text(file, URDF_BYTES_MAX)
-            .map_err(|error| not_readable(error.to_string()))?;
-        let robot = urdf_rs::read_from_string(&text)
-            .map_err(|error| not_readable(tprmp_files::shortened(&error.to_string())))?;
-        Ok(Self { robot })
+fn not_usable<'a>(file: &Path, faults: impl IntoIterator<Item = &'a UrdfFault>) -> CoverError {
+    let texts: Vec<_> = faults.into_iter().map(ToString::to_string).collect();
+    CoverError::Urdf { file: file.to_owned(), text: texts.join("\n") }
+}
+
+/// A robot description.
+pub(crate) struct Description<'d> {
+    pub(crate) document: &'d Document,
+}
+
+impl Description<'_> {
+    /// Refuses shapes of these links, and joints, that could not be read: they are missing from the document.
+    pub(crate) fn check_shapes(&self, names: &[&str]) -> Result<(), CoverError> {
+        let Document { file, links, faults, .. } = self.document;
+        let matters = |fault: &&DocumentFault| match fault.owner {
+            Owner::Link(link) => {
+                fault.part == "collision" && names.contains(&links[link].name.as_str())
+            }
+            Owner::Joint(_) => true,
+        };
+        let faults: Vec<_> = faults.iter().filter(matters).map(|fault| &fault.fault).collect();
+        if faults.is_empty() { Ok(()) } else { Err(not_usable(file, faults)) }
     }
 
     /// The links that move, in the order of the file: those with a joint between them and the base that is
     /// movable and not held.
     pub(crate) fn moving_links(
         &self,
-        file: &Path,
         selection: Option<&Selection>,
     ) -> Result<Vec<&str>, CoverError> {
-        let links = &self.robot.links;
+        let Document { file, links, .. } = self.document;
         let (base, tool) =
             (base(selection), selection.map(|selection| selection.tool_link.as_str()));
         for name in base.into_iter().chain(tool) {
             if links.iter().all(|link| link.name != name) {
                 let found = links.iter().map(|link| link.name.clone()).collect();
                 return Err(CoverError::UnknownLink {
-                    file: file.to_owned(),
+                    file: file.clone(),
                     link: name.to_owned(),
                     found,
                 });
@@ -70,7 +80,7 @@ impl Description {
         // With a tool the joints beside the path to it stand still.
         let on_path = tool.and_then(|tool| self.above(tool, base));
         let moves = |joint: &&Joint| {
-            joint.joint_type != JointType::Fixed
+            joint.is_movable()
                 && !held.is_some_and(|held| held.contains_key(&joint.name))
                 && on_path
                     .as_ref()
@@ -86,10 +96,10 @@ impl Description {
     fn above<'a>(&'a self, link: &'a str, base: Option<&str>) -> Option<Vec<&'a Joint>> {
         let (mut path, mut at) = (Vec::new(), link);
         while Some(at) != base {
-            match self.robot.joints.iter().find(|joint| joint.child.link == at) {
-                Some(joint) if path.len() < self.robot.joints.len() => {
+            match self.document.joints.iter().find(|joint| joint.child == at) {
+                Some(joint) if path.len() < self.document.joints.len() => {
                     path.push(joint);
-                    at = &joint.parent.link;
+                    at = &joint.parent;
                 }
                 None if base.is_none() => break,
                 _ => return None,
@@ -102,8 +112,10 @@ impl Description {
     pub(crate) fn placement(&self, link: &str, selection: Option<&Selection>) -> DAffine3 {
         let path = self.above(link, base(selection)).unwrap_or_default();
         path.iter().rev().fold(DAffine3::IDENTITY, |place, joint| {
-            let middle = 0.5 * (joint.limit.lower + joint.limit.upper);
-            let axis = DVec3::from_array(joint.axis.xyz.0).normalize_or(DVec3::Z);
+            let [lower, upper] =
+                [joint.limit.lower, joint.limit.upper].map(Option::unwrap_or_default);
+            let middle = 0.5 * (lower + upper);
+            let axis = DVec3::from_array(joint.axis).normalize_or(DVec3::Z);
             let motion = match joint.joint_type {
                 _ if !middle.is_finite() => DAffine3::IDENTITY,
                 JointType::Revolute => DAffine3::from_axis_angle(axis, middle),
@@ -115,15 +127,11 @@ impl Description {
     }
 
     /// The collision shapes of a link.
-    pub(crate) fn shapes(&self, file: &Path, link: &str, packages: &Packages) -> LinkShapes {
+    pub(crate) fn shapes(&self, link: &str, packages: &Packages) -> LinkShapes {
         let mut shapes = LinkShapes { link: link.to_owned(), ..LinkShapes::default() };
-        let folder = file.parent().unwrap_or(Path::new(""));
-        let collisions = self
-            .robot
-            .links
-            .iter()
-            .filter(|other| other.name == link)
-            .flat_map(|link| &link.collision);
+        let folder = self.document.file.parent().unwrap_or(Path::new(""));
+        let of_link = self.document.links.iter().filter(|other| other.name == link);
+        let collisions = of_link.flat_map(|link| &link.collisions);
         for collision in collisions {
             let placement = placement(&collision.origin);
             let mut add = |triangles: Vec<Triangle>, radius: f64| {
@@ -133,22 +141,20 @@ impl Description {
                 shapes.triangles.extend(moved);
                 shapes.excess = shapes.excess.max(radius * EXCESS);
             };
-            match &collision.geometry {
-                Geometry::Box { size } => add(primitives::cuboid(DVec3::from_array(size.0)), 0.0),
-                Geometry::Cylinder { radius, length } => {
+            match &collision.shape {
+                Shape::Box { size } => add(primitives::cuboid(DVec3::from_array(*size)), 0.0),
+                Shape::Cylinder { radius, length } => {
                     add(primitives::cylinder(*radius, *length), *radius);
                 }
-                Geometry::Capsule { radius, length } => {
+                Shape::Capsule { radius, length } => {
                     add(primitives::capsule(*radius, *length), *radius);
                 }
-                Geometry::Sphere { radius } => {
+                Shape::Sphere { radius } => {
                     shapes.spheres.push(Sphere { centre: placement.translation, radius: *radius });
                 }
-                Geometry::Mesh { filename, scale } => {
+                Shape::Mesh { filename, scale } => {
                     shapes.meshes += 1;
-                    let scale =
-                        scale.as_ref().map_or(DVec3::ONE, |scale| DVec3::from_array(scale.0));
-                    let placed = placement * DAffine3::from_scale(scale);
+                    let placed = placement * DAffine3::from_scale(DVec3::from_array(*scale));
                     match load(packages, folder, filename, &placed) {
                         Ok(triangles) => shapes.triangles.extend(triangles),
                         Err(fault) => {
@@ -180,10 +186,6 @@ fn base(selection: Option<&Selection>) -> Option<&str> {
     selection.and_then(|selection| selection.base_link.as_deref())
 }
 
-/// The placement of an `<origin>`: rotation about x (roll), then y (pitch), then z (yaw) of the parent.
-fn placement(origin: &Pose) -> DAffine3 {
-    let [roll, pitch, yaw] = origin.rpy.0;
-    let rotation =
-        DMat3::from_rotation_z(yaw) * DMat3::from_rotation_y(pitch) * DMat3::from_rotation_x(roll);
-    DAffine3::from_mat3_translation(rotation, DVec3::from_array(origin.xyz.0))
+fn placement(origin: &Origin) -> DAffine3 {
+    DAffine3::from_mat3_translation(origin.rotation(), DVec3::from_array(origin.xyz))
 }

@@ -6,9 +6,10 @@ use common::{
     Robot, Triangle, ascii_stl, assert_covered, assert_protrusion, collision, cuboid, to_boxes,
     tube,
 };
-use glam::{DAffine3, DVec3};
+use glam::DVec3;
 use tprmp_cover::{CoverError, Options, Packages, cover};
 use tprmp_robot::Selection;
+use tprmp_spatial::Pose;
 
 /// An L of two boxes, which overlap.
 fn elbow() -> (Vec<Triangle>, impl Fn(DVec3) -> f64) {
@@ -214,8 +215,17 @@ fn links_touch_where_their_shapes_do_and_not_where_their_spheres_do() {
     let meshes = found.meshes();
     let index = |name| found.links.iter().position(|link| link.link == name).unwrap();
     let [arm, tool] = [index("upper_arm_link"), index("suction_tool")];
-    let at = |m| DAffine3::from_translation(DVec3::new(0.0, m, 0.0));
+    let at = |m| Pose { position: DVec3::new(0.0, m, 0.0), ..Pose::IDENTITY };
     let touch = |m| meshes.touch((arm, &at(0.0)), (tool, &at(m)));
     // The cup is in the arm's end, 5 mm beside its side of 60 mm radius, and far away.
     assert!(touch(0.0) && !touch(0.5));
+}
+
+#[test]
+fn a_shape_that_cannot_be_read_is_an_error_and_no_link_without_a_shape() {
+    let robot =
+        Robot::new(&["<collision><geometry><sphere radius=\"0.1 m\"/></geometry></collision>"]);
+    let error = cover(&robot.urdf, None, &Packages::default(), &Options::default()).unwrap_err();
+    let said = error.to_string();
+    assert!(said.contains("line ") && said.contains("radius"), "{said}");
 }

@@ -28,8 +28,8 @@ pub struct Chain<const N: usize> {
     root_link: String,
     tool_link: String,
     joint_names: [String; N],
-    moving_links: Vec<(String, usize)>,
-    link_placements: Vec<Placement>,
+    pub(crate) moving_links: Vec<(String, usize)>,
+    pub(crate) link_placements: Vec<Placement>,
     collision_shapes: Vec<CollisionShape>,
 }
 

@@ -135,12 +135,15 @@ impl Origin {
         self.placement().pose()
     }
 
-    pub(crate) fn placement(&self) -> Placement {
+    /// Its rotation.
+    #[must_use]
+    pub fn rotation(&self) -> DMat3 {
         let [roll, pitch, yaw] = self.rpy;
-        let rotation = DMat3::from_rotation_z(yaw)
-            * DMat3::from_rotation_y(pitch)
-            * DMat3::from_rotation_x(roll);
-        Placement { rotation, position: DVec3::from_array(self.xyz) }
+        DMat3::from_rotation_z(yaw) * DMat3::from_rotation_y(pitch) * DMat3::from_rotation_x(roll)
+    }
+
+    pub(crate) fn placement(&self) -> Placement {
+        Placement { rotation: self.rotation(), position: DVec3::from_array(self.xyz) }
     }
 }
 

@@ -227,6 +227,17 @@ pub fn point_position<const N: usize>(
     kinematics.joints.get(joint).map_or(DVec3::NAN, |placement| placement.transform_point(point))
 }
 
+/// X_BL of a moving link, an index into [`Chain::moving_links`]; `kinematics` must be an evaluation of `chain`.
+/// `None` when there is no such link. No allocation, no panic, O(1).
+pub fn link_pose<const N: usize>(
+    chain: &Chain<N>,
+    kinematics: &Kinematics<N>,
+    link: usize,
+) -> Option<Pose> {
+    let (_, joint) = chain.moving_links.get(link)?;
+    Some(kinematics.joints.get(*joint)?.compose(chain.link_placements.get(link)?).pose())
+}
+
 /// Motion in `B` of the point at `point` [m] in the frame of `joint`; columns of joints beyond it are
 /// zero.
 ///

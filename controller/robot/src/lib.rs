@@ -81,7 +81,8 @@ pub use dynamics::{
 };
 pub use error::{BranchJoint, LackingLimits, UrdfError, UrdfErrorKind, UrdfFault};
 pub use kinematics::{
-    Kinematics, forward_kinematics, forward_kinematics_with_velocity, point_motion, point_position,
+    Kinematics, forward_kinematics, forward_kinematics_with_velocity, link_pose, point_motion,
+    point_position,
 };
 pub use payload::Payload;
 pub use plausibility::{Remark, remarks};

@@ -18,7 +18,7 @@ use std::path::PathBuf;
 
 use nalgebra::SVector;
 use thiserror::Error;
-use tprmp_cover::{Cover, CoverError, Packages, cover};
+use tprmp_cover::{Cover, CoverError, Packages, cover_document};
 use tprmp_files::{Existing, WriteError};
 use tprmp_model::controller_config::{self, ConfigError};
 use tprmp_model::skill_model::{self, ModelError, SkillModel};
@@ -254,7 +254,9 @@ impl<'a> WithRobot for Plan<'a> {
         let all = pairs::grounded(&chain, &points, &ends);
         let mut exempt = self.semantic.ignored.clone();
         let near_m = self_activation_m(cover.as_ref());
-        let look = pairs::Look { chain: &chain, points: &points, cover: cover.as_ref(), near_m };
+        let meshes = cover.as_ref().map(|cover| (cover.meshes(), cover));
+        let shapes = meshes.as_ref().map(|(meshes, cover)| (meshes, *cover));
+        let look = pairs::Look { chain: &chain, points: &points, shapes, near_m };
         let mut harmless = pairs::harmless(&look, &exempt, &ends);
         exempt.extend(harmless.iter().map(|pair| pair.links.clone().into()));
         let watched = SelfPairs::new(&chain, &points, &exempt);
@@ -326,8 +328,8 @@ impl Plan<'_> {
             self.notes.push(Note::found(format!("{} control points of the XRDF", spheres.len())));
             return Ok((spheres, None));
         }
-        let Options { urdf, packages, cover: asked, .. } = self.options;
-        let found = cover(urdf, Some(&self.selection), packages, asked)?;
+        let Options { packages, cover: asked, .. } = self.options;
+        let found = cover_document(self.document, Some(&self.selection), packages, asked)?;
         let bare: Vec<_> = found.links.iter().filter(|link| !link.has_shape()).collect();
         self.notes.push(Note::found(found.summary()));
         for link in found.not_kept_clear() {

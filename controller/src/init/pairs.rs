@@ -2,13 +2,15 @@
 
 use std::collections::BTreeSet;
 
-use glam::{DAffine3, DMat3, DVec3};
+use glam::DVec3;
 use nalgebra::SVector;
 use rayon::prelude::*;
-use tprmp_cover::Cover;
+use tprmp_cover::{Cover, LinkMeshes};
 use tprmp_robot::{
-    Chain, ControlPoints, Kinematics, SelfPairs, forward_kinematics, point_position, spread_posture,
+    Chain, ControlPoints, Kinematics, SelfPairs, forward_kinematics, link_pose, point_position,
+    spread_posture,
 };
+use tprmp_spatial::Pose;
 
 /// Postures that are tried.
 const POSTURE_COUNT: usize = 400;
@@ -88,7 +90,8 @@ pub(super) struct Harmless {
 pub(super) struct Look<'a, const N: usize> {
     pub(super) chain: &'a Chain<N>,
     pub(super) points: &'a ControlPoints,
-    pub(super) cover: Option<&'a Cover>,
+    /// Of the links, where they are known.
+    pub(super) shapes: Option<(&'a LinkMeshes, &'a Cover)>,
     /// Spheres are near where avoidance acts on them \[m\].
     pub(super) near_m: f64,
 }
@@ -100,7 +103,7 @@ pub(super) fn harmless<const N: usize>(
     exempt: &[(String, String)],
     range: &[SVector<f64, N>; 2],
 ) -> Vec<Harmless> {
-    let Look { chain, points, cover, near_m } = *look;
+    let Look { chain, points, shapes, near_m } = *look;
     let watched = SelfPairs::new(chain, points, exempt).watched;
     let points = points.as_slice();
     let pairs: BTreeSet<_> =
@@ -112,10 +115,9 @@ pub(super) fn harmless<const N: usize>(
             kinematics
         })
         .collect();
-    let meshes = cover.map(Cover::meshes);
     let in_cover = |link: usize| {
         let name = &chain.moving_links()[link].0;
-        cover.and_then(|cover| cover.links.iter().position(|of| of.link == *name))
+        shapes.and_then(|(_, cover)| cover.links.iter().position(|of| of.link == *name))
     };
     let judge = |&(a, b): &(usize, usize)| {
         let are_near = |at: &&Kinematics<N>| {
@@ -132,9 +134,11 @@ pub(super) fn harmless<const N: usize>(
         }
         let near: Vec<_> = postures.iter().filter(are_near).collect();
         let fraction = near.len() as f64 / POSTURE_COUNT as f64;
-        let shapes_touch = |at: &&Kinematics<N>| match (&meshes, in_cover(a), in_cover(b)) {
-            (Some(meshes), Some(one), Some(other)) => {
-                meshes.touch((one, &placement(chain, at, a)), (other, &placement(chain, at, b)))
+        let shapes_touch = |at: &&Kinematics<N>| match (shapes, in_cover(a), in_cover(b)) {
+            (Some((meshes, _)), Some(one), Some(other)) => {
+                let [x, y] =
+                    [a, b].map(|link| link_pose(chain, at, link).unwrap_or(Pose::IDENTITY));
+                meshes.touch((one, &x), (other, &y))
             }
             _ => fraction < TOUCHING_FRACTION,
         };
@@ -145,15 +149,4 @@ pub(super) fn harmless<const N: usize>(
         })
     };
     pairs.iter().collect::<Vec<_>>().par_iter().filter_map(|pair| judge(pair)).collect()
-}
-
-/// Where the frame of a moving link is in the base.
-fn placement<const N: usize>(chain: &Chain<N>, at: &Kinematics<N>, link: usize) -> DAffine3 {
-    let joint = chain.moving_links()[link].1;
-    let place =
-        |point| point_position(at, joint, chain.in_joint_frame(link, point).unwrap_or(point));
-    let origin = place(DVec3::ZERO);
-    let axis = |axis| place(axis) - origin;
-    let axes = DMat3::from_cols(axis(DVec3::X), axis(DVec3::Y), axis(DVec3::Z));
-    DAffine3::from_mat3_translation(axes, origin)
 }

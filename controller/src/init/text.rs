@@ -91,6 +91,20 @@ impl Text {
     }
 }
 
+/// A key in a section of the base, on a line of its own.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct BaseKey {
+    section: &'static str,
+    line: &'static str,
+}
+
+/// From where spheres of the arm act on each other.
+pub(super) const SELF_ACTIVATION: BaseKey =
+    BaseKey { section: "self_collision", line: "activation_distance_m: 0.05," };
+/// From where a joint's limits act.
+pub(super) const LIMIT_ACTIVATION: BaseKey =
+    BaseKey { section: "joint_limits", line: "activation_distance: 0.2," };
+
 /// What an arm decides about in a whole configuration.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sections {
@@ -104,10 +118,8 @@ pub(super) struct Sections {
     pub collision: String,
     /// Further keys of `self_collision`.
     pub self_collision: String,
-    /// A line of the base's `self_collision`, and what stands in its place.
-    pub(super) self_activation: (String, String),
-    /// A line of the base's `joint_limits`, and what stands in its place.
-    pub(super) limit_activation: (String, String),
+    /// Keys of the base that an arm decides about, with what stands in their place.
+    pub replaced: Vec<(BaseKey, String)>,
     /// `approach` and `lift`, whole; those of the base where they are kept.
     pub task: Option<String>,
 }
@@ -133,21 +145,21 @@ impl Sections {
                 }
                 "collision" => text += &with_keys(section, &self.collision),
                 "self_collision" => {
-                    let (from, to) = &self.self_activation;
-                    text += &with_keys(section, &self.self_collision).replacen(from, to, 1);
+                    text += &self.replaced(key, &with_keys(section, &self.self_collision));
                 }
                 "start_frame" => {
                     text += "    // Where the tool is when the skill starts: no publisher has to know. Or Published.\n";
                     text += "    start_frame: Tool,\n";
                 }
-                "joint_limits" => {
-                    let (from, to) = &self.limit_activation;
-                    text += &section.replacen(from, to, 1);
-                }
-                _ => text += section,
+                _ => text += &self.replaced(key, section),
             }
         }
         text + ")\n"
+    }
+
+    fn replaced(&self, key: &str, section: &str) -> String {
+        let of_section = self.replaced.iter().filter(|(base, _)| base.section == key);
+        of_section.fold(section.to_owned(), |text, (base, to)| text.replacen(base.line, to, 1))
     }
 }
 
@@ -199,6 +211,15 @@ mod tests {
                 text.lines().map(|line| line.split("//").next().unwrap_or("")).collect();
             assert_eq!(code.matches('(').count(), code.matches(')').count(), "{key}");
             assert!(count("\n    },") == 0, "{key}");
+        }
+    }
+
+    #[test]
+    fn what_an_arm_decides_about_stands_in_the_common_part_once() {
+        for base in [SELF_ACTIVATION, LIMIT_ACTIVATION] {
+            let sections = common();
+            let (_, text) = sections.iter().find(|(key, _)| *key == base.section).unwrap();
+            assert_eq!(text.matches(base.line).count(), 1, "{base:?}");
         }
     }
 

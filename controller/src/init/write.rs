@@ -2,7 +2,9 @@
 
 use tprmp_robot::LimitOverride;
 
-use crate::init::text::{Sections, Text, numbers, rounded, tuple};
+use crate::init::text::{
+    LIMIT_ACTIVATION, SELF_ACTIVATION, Sections, Text, numbers, rounded, tuple,
+};
 use crate::init::{Chosen, Commands, Note, Plan, Task, tool};
 
 /// The whole configuration, as text.
@@ -22,8 +24,10 @@ pub(super) fn configuration(plan: &mut Plan<'_>, chosen: &Chosen) -> String {
         posture: posture(plan, chosen),
         collision: collision(plan, chosen),
         self_collision: self_collision(plan, chosen),
-        self_activation: self_activation(chosen),
-        limit_activation: limit_activation(chosen),
+        replaced: vec![
+            (SELF_ACTIVATION, self_activation(chosen)),
+            (LIMIT_ACTIVATION, limit_activation(chosen)),
+        ],
         task: match plan.options.task {
             Task::Pick => None,
             Task::Reach => Some(reach()),
@@ -306,27 +310,18 @@ fn self_collision(plan: &Plan<'_>, chosen: &Chosen) -> String {
 }
 
 /// The activation distance between spheres of the arm: by as much less as they stick out.
-fn self_activation(chosen: &Chosen) -> (String, String) {
-    let line = "activation_distance_m: 0.05,";
+fn self_activation(chosen: &Chosen) -> String {
     let distance = chosen.self_activation_m();
-    (
-        line.into(),
-        format!(
-            "// Less than 0.05 by as much as two spheres stick out, and 0.01 at least.\n            activation_distance_m: {distance:?},"
-        ),
+    format!(
+        "// Less than 0.05 by as much as two spheres stick out, and 0.01 at least.\n            activation_distance_m: {distance:?},"
     )
 }
 
 /// The distance from a joint's limits at which they act: a quarter of the smallest range at most.
-fn limit_activation(chosen: &Chosen) -> (String, String) {
-    let line = "activation_distance: 0.2,";
-    let least = chosen.smallest_range.min(0.8);
-    let distance = rounded(0.25 * least);
-    (
-        line.into(),
-        format!(
-            "// A quarter of the smallest range, 0.2 at most.\n        activation_distance: {distance:?},"
-        ),
+fn limit_activation(chosen: &Chosen) -> String {
+    let distance = rounded(0.25 * chosen.smallest_range.min(0.8));
+    format!(
+        "// A quarter of the smallest range, 0.2 at most.\n        activation_distance: {distance:?},"
     )
 }
 
