@@ -22,3 +22,4 @@ pub mod startup;
 pub mod task;
 pub mod telemetry;
 pub mod timing;
+mod tool_axis;

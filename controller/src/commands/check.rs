@@ -3,15 +3,21 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
 use tprmp_messages::free_shared_memory_bytes;
-use tprmp_model::controller_config::{self, Capability, ControllerConfig, RealTime};
+use tprmp_model::controller_config::{self, Capability, ControllerConfig, RealTime, ToolOffset};
 use tprmp_model::skill_model::{FrameMixture, Manifold, PolicyModel, SkillModel};
 use tprmp_robot::{Chain, ControlPoints, Document, Ignored, SelfPairs, remarks};
+use tprmp_spatial::Pose;
 
 use crate::freedom::Freedom;
 use crate::motion::limits::working_range;
 use crate::startup::{self, Loaded, LoadedSkill, StartError, WithRobot};
 use crate::timing::realtime;
+use crate::tool_axis;
+
+/// From this angle on between the taught approach axis and the arm's, a transform is missing \[°\].
+const APPROACH_ANGLE_DEG: f64 = 30.0;
 
 /// Checks the files, which is an error when they are wrong, and the machine, which is a list of
 /// remedies.
@@ -169,8 +175,45 @@ impl WithRobot for Fits<'_> {
             );
             line("warn", "tool", &text);
         }
+        let middle = 0.5 * (range[0] + range[1]);
+        let own = tool_axis::approach_axis(&chain, &middle);
+        for skill in &loaded.skills {
+            if let Some(text) = approach_fault(skill, own, loaded.config.robot.tool_offset.as_ref())
+            {
+                line("warn", "tool", &text);
+            }
+        }
         Ok(())
     }
+}
+
+/// What is wrong where a skill comes to its goal along another axis of the tool than the arm's tool points along, and
+/// the offset with which it would.
+fn approach_fault(skill: &LoadedSkill, own: DVec3, offset: Option<&ToolOffset>) -> Option<String> {
+    let taught = skill.model.motion.is_discrete().then(|| skill.model.approach_axis())??;
+    let taught = tool_axis::snapped(taught);
+    let angle = taught.angle_between(own).to_degrees();
+    if angle < APPROACH_ANGLE_DEG {
+        return None;
+    }
+    let Pose { position: at, orientation } = offset.map_or(Pose::IDENTITY, ToolOffset::pose);
+    let q = orientation * tool_axis::orientation(own, taught);
+    Some(format!(
+        "`{}` comes to its goal along the {} axis of its tool, this arm's tool points along its {} axis, {angle:.0}° \
+         apart: a fixed transform is missing. `robot.tool_offset: Some((frame: {:?}, position_m: ({:?}, {:?}, {:?}), \
+         quaternion_wxyz: ({:.6}, {:.6}, {:.6}, {:.6})))` turns it",
+        skill.path.display(),
+        tool_axis::named(taught),
+        tool_axis::named(own),
+        skill.model.tool_frame,
+        at.x,
+        at.y,
+        at.z,
+        q.w,
+        q.x,
+        q.y,
+        q.z,
+    ))
 }
 
 /// How many spheres cover each link, and how large they are. A link that is not kept clear was accepted at the

@@ -11,7 +11,6 @@ mod pairs;
 mod posture;
 mod semantic;
 mod text;
-mod tool;
 mod write;
 
 use std::path::PathBuf;
@@ -27,6 +26,7 @@ use tprmp_robot::{
 };
 
 use crate::startup::{self, StartError, WithRobot};
+use crate::tool_axis;
 use arm::{Arm, Asked};
 pub use notes::{Note, NoteKind};
 use posture::Criteria;
@@ -179,7 +179,7 @@ pub fn init(options: &Options) -> Result<Initialised, InitError> {
     let semantic = semantic::read(options.xrdf.as_deref(), options.srdf.as_deref())?;
     let mut notes = Vec::new();
     let asked = Asked {
-        base: options.base.as_deref(),
+        base: options.base.as_deref().or(semantic.base.as_deref()),
         tool: options.tool.as_deref().or(semantic.tool.as_deref()),
         model_tool: model.as_ref().map(|model| model.tool_frame.as_str()),
     };
@@ -250,7 +250,7 @@ impl<'a> WithRobot for Plan<'a> {
             chain.position_upper().add_scalar(-position_margin),
         ];
         let middle = spread_posture(&ends[0], &ends[1], 7);
-        let tool_axis = tool::approach_axis(&chain, &middle);
+        let tool_axis = tool_axis::approach_axis(&chain, &middle);
         let all = pairs::grounded(&chain, &points, &ends);
         let mut exempt = self.semantic.ignored.clone();
         let near_m = self_activation_m(cover.as_ref());

@@ -4,12 +4,13 @@ use core::str::FromStr;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use nalgebra::SVector;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 use serde::Deserialize;
 use thiserror::Error;
+use tprmp_spatial::Pose;
 
 use crate::init::arm::Arm;
 use crate::init::limits::Rates;
@@ -32,8 +33,12 @@ pub struct SemanticError {
 /// What the files say; empty without any.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Semantic {
+    /// The base's link.
+    pub base: Option<String>,
     /// The tool's link.
     pub tool: Option<String>,
+    /// The tool's frame in that link, where a file adds it: its name and its pose there.
+    pub tool_frame: Option<(String, Pose)>,
     /// Spheres: link, centre in its frame \[m\], radius \[m\].
     pub spheres: Option<Vec<(String, DVec3, f64)>>,
     /// Pairs of links that need not keep clear of each other.
@@ -120,7 +125,7 @@ pub(super) fn read(xrdf: Option<&Path>, srdf: Option<&Path>) -> Result<Semantic,
 struct Xrdf {
     format: String,
     #[serde(default)]
-    modifiers: Vec<BTreeMap<String, serde_json::Value>>,
+    modifiers: Vec<Modifier>,
     #[serde(default)]
     default_joint_positions: BTreeMap<String, f64>,
     cspace: Cspace,
@@ -130,6 +135,68 @@ struct Xrdf {
     self_collision: Option<Collision>,
     #[serde(default)]
     geometry: BTreeMap<String, Geometry>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Modifier {
+    SetBaseFrame(String),
+    AddFrame(AddedFrame),
+}
+
+#[derive(Debug, Deserialize)]
+struct AddedFrame {
+    frame_name: String,
+    parent_frame_name: String,
+    joint_type: Option<String>,
+    fixed_transform: FixedTransform,
+}
+
+#[derive(Debug, Deserialize)]
+struct FixedTransform {
+    position: [f64; 3],
+    orientation: Orientation,
+}
+
+#[derive(Debug, Deserialize)]
+struct Orientation {
+    w: f64,
+    xyz: [f64; 3],
+}
+
+/// The frames that a file adds to the links of a URDF: parent, and pose in it.
+#[derive(Debug, Default)]
+struct AddedFrames(BTreeMap<String, (String, Pose)>);
+
+impl AddedFrames {
+    /// Adds one, below a link or one that was added before.
+    fn add(&mut self, added: AddedFrame) -> Result<(), String> {
+        let AddedFrame { frame_name, parent_frame_name, joint_type, fixed_transform } = added;
+        let fault = |expected: &str, found: &str| {
+            let (name, found) = (tprmp_files::printable(&frame_name), tprmp_files::printable(found));
+            Err(format!("key `modifiers`, frame `{name}`: expected {expected}, found {found}"))
+        };
+        if let Some(found) = joint_type.filter(|found| !found.eq_ignore_ascii_case("fixed")) {
+            return fault("a joint_type of FIXED", &format!("`{found}`"));
+        }
+        let FixedTransform { position, orientation: Orientation { w, xyz: [x, y, z] } } = fixed_transform;
+        let rotation = DQuat::from_xyzw(x, y, z, w);
+        let (position, length) = (DVec3::from(position), rotation.length());
+        if !position.is_finite() || !(0.99..1.01).contains(&length) {
+            let found = format!("{position} and a quaternion of length {length}");
+            return fault("finite numbers and a quaternion of length 1", &found);
+        }
+        let own = Pose { position, orientation: rotation.normalize() };
+        let (link, parent) = self.resolve(&parent_frame_name);
+        let pose = parent.compose(&own);
+        self.0.insert(frame_name, (link, pose));
+        Ok(())
+    }
+
+    /// The link of the URDF that a frame is fixed to, and its pose there.
+    fn resolve(&self, name: &str) -> (String, Pose) {
+        self.0.get(name).cloned().unwrap_or_else(|| (name.to_owned(), Pose::IDENTITY))
+    }
 }
 
 #[derive(Debug, Deserialize)]
@@ -171,11 +238,12 @@ fn parse_xrdf(text: &str, semantic: &mut Semantic) -> Result<(), String> {
             tprmp_files::printable(&xrdf.format)
         ));
     }
-    if let Some(modifier) = xrdf.modifiers.iter().flat_map(BTreeMap::keys).next() {
-        return Err(format!(
-            "key `modifiers`: expected none, found `{}`: change the URDF, or name --base and --tool",
-            tprmp_files::printable(modifier)
-        ));
+    let mut frames = AddedFrames::default();
+    for modifier in xrdf.modifiers {
+        match modifier {
+            Modifier::AddFrame(frame) => frames.add(frame)?,
+            Modifier::SetBaseFrame(base) => semantic.base = Some(base),
+        }
     }
     let names = &xrdf.cspace.joint_names;
     for (key, limits, kept) in [
@@ -192,7 +260,11 @@ fn parse_xrdf(text: &str, semantic: &mut Semantic) -> Result<(), String> {
         *kept = names.iter().cloned().zip(limits.iter().copied()).collect();
     }
     semantic.moved.clone_from(names);
-    semantic.tool = xrdf.tool_frames.first().cloned().or(semantic.tool.take());
+    if let Some(tool) = xrdf.tool_frames.first() {
+        let (link, pose) = frames.resolve(tool);
+        semantic.tool_frame = (link != *tool).then(|| (tool.clone(), pose));
+        semantic.tool = Some(link);
+    }
     if !xrdf.default_joint_positions.is_empty() {
         semantic.home = xrdf.default_joint_positions;
         semantic.home_name = "default_joint_positions".into();
@@ -205,7 +277,7 @@ fn parse_xrdf(text: &str, semantic: &mut Semantic) -> Result<(), String> {
                 collision.geometry
             )
         })?;
-        semantic.spheres = Some(spheres(geometry, &collision.buffer_distance)?);
+        semantic.spheres = Some(spheres(geometry, &collision.buffer_distance, &frames)?);
     }
     for (link, others) in xrdf.self_collision.iter().flat_map(|own| &own.ignore) {
         semantic.ignored.extend(others.iter().map(|other| (link.clone(), other.clone())));
@@ -216,10 +288,12 @@ fn parse_xrdf(text: &str, semantic: &mut Semantic) -> Result<(), String> {
 fn spheres(
     geometry: &Geometry,
     buffers: &BTreeMap<String, f64>,
+    frames: &AddedFrames,
 ) -> Result<Vec<(String, DVec3, f64)>, String> {
     let mut found = Vec::new();
     for (link, spheres) in &geometry.spheres {
         let buffer = buffers.get(link).copied().unwrap_or(0.0);
+        let (of_link, pose) = frames.resolve(link);
         for sphere in spheres {
             // A sphere that a buffer makes vanish is switched off.
             let radius = sphere.radius + buffer;
@@ -227,7 +301,8 @@ fn spheres(
                 return Err(format!("spheres of `{link}`: expected finite numbers"));
             }
             if radius > 0.0 {
-                found.push((link.clone(), sphere.center.into(), radius));
+                let centre = pose.transform_point(sphere.center.into());
+                found.push((of_link.clone(), centre, radius));
             }
         }
     }
@@ -339,6 +414,50 @@ geometry:
         };
         semantic.hold(&mut arm);
         assert_eq!((arm.joints.len(), arm.held_joints["finger"]), (2, 0.03));
+    }
+
+    #[test]
+    fn frames_that_an_xrdf_adds_are_those_of_the_links_they_are_fixed_to() {
+        let text = "
+format: xrdf
+modifiers:
+  - set_base_frame: base_link
+  - add_frame:
+      frame_name: flange
+      parent_frame_name: wrist
+      joint_name: wrist_flange
+      joint_type: FIXED
+      fixed_transform: {position: [0.0, 0.0, 0.1], orientation: {w: 0.7071068, xyz: [0.0, 0.7071068, 0.0]}}
+  - add_frame:
+      frame_name: tip
+      parent_frame_name: flange
+      joint_name: flange_tip
+      joint_type: FIXED
+      fixed_transform: {position: [0.0, 0.0, 0.2], orientation: {w: 1.0, xyz: [0.0, 0.0, 0.0]}}
+cspace: {joint_names: [a]}
+tool_frames: [tip]
+collision: {geometry: g}
+geometry: {g: {spheres: {tip: [{center: [0.0, 0.0, 0.1], radius: 0.02}]}}}
+";
+        let mut semantic = Semantic::default();
+        parse_xrdf(text, &mut semantic).unwrap();
+        assert_eq!(semantic.base.as_deref(), Some("base_link"));
+        assert_eq!(semantic.tool.as_deref(), Some("wrist"));
+        let (name, pose) = semantic.tool_frame.as_ref().unwrap();
+        assert_eq!(name, "tip");
+        assert!((pose.position - DVec3::new(0.2, 0.0, 0.1)).length() < 1e-6, "{pose:?}");
+        let (link, centre, _) = &semantic.spheres.as_ref().unwrap()[0];
+        assert_eq!(link, "wrist");
+        assert!((*centre - DVec3::new(0.3, 0.0, 0.1)).length() < 1e-6, "{centre}");
+        for (from, to, named) in [
+            ("FIXED", "REVOLUTE", "FIXED"),
+            ("w: 1.0", "w: 3.0", "length 1"),
+            ("set_base_frame", "scale", "scale"),
+        ] {
+            let wrong = text.replacen(from, to, 1);
+            let error = parse_xrdf(&wrong, &mut Semantic::default()).unwrap_err();
+            assert!(error.contains(named), "{error}");
+        }
     }
 
     #[test]

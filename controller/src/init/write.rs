@@ -5,7 +5,8 @@ use tprmp_robot::LimitOverride;
 use crate::init::text::{
     LIMIT_ACTIVATION, SELF_ACTIVATION, Sections, Text, numbers, rounded, tuple,
 };
-use crate::init::{Chosen, Commands, Note, Plan, Task, tool};
+use crate::init::{Chosen, Commands, Note, Plan, Task};
+use crate::tool_axis::{named, orientation, snapped};
 
 /// The whole configuration, as text.
 pub(super) fn configuration(plan: &mut Plan<'_>, chosen: &Chosen) -> String {
@@ -48,13 +49,24 @@ fn quoted(text: &str) -> String {
 fn tool_offset(plan: &mut Plan<'_>, chosen: &Chosen) -> (String, String) {
     let link = &plan.arm.tool_link;
     let none = |reason: String| (reason, "None".to_owned());
+    if let (Some((frame, pose)), None) = (&plan.semantic.tool_frame, &plan.options.tool) {
+        let frame = plan.model.map_or(frame, |model| &model.tool_frame);
+        let q = pose.orientation;
+        let value = format!(
+            "Some((frame: {}, position_m: {}, quaternion_wxyz: {}))",
+            quoted(frame),
+            tuple(&pose.position.to_array()),
+            tuple(&[q.w, q.x, q.y, q.z])
+        );
+        return ("The frame that the XRDF adds.".into(), value);
+    }
     let Some(model) = plan.model else {
         return none(format!(
             "The tool is `{link}`, its approach axis {}.",
             named(chosen.tool_axis)
         ));
     };
-    let Some(taught) = model.approach_axis().map(tool::snapped) else {
+    let Some(taught) = model.approach_axis().map(snapped) else {
         if model.tool_frame == *link {
             return none("The model was learned for this link.".into());
         }
@@ -76,7 +88,7 @@ fn tool_offset(plan: &mut Plan<'_>, chosen: &Chosen) -> (String, String) {
         }
         return none("The model was learned for this link.".into());
     }
-    let q = tool::orientation(chosen.tool_axis, taught);
+    let q = orientation(chosen.tool_axis, taught);
     plan.notes.push(Note::lack(format!(
         "the model's tool `{}` is put at `{link}`, its {} along the arm's {}: set the position of its tip in \
          `robot.tool_offset`",
@@ -96,16 +108,6 @@ fn tool_offset(plan: &mut Plan<'_>, chosen: &Chosen) -> (String, String) {
         named(chosen.tool_axis)
     );
     (reason, value)
-}
-
-/// An axis in words.
-fn named(axis: glam::DVec3) -> String {
-    for (name, of) in [("x", glam::DVec3::X), ("y", glam::DVec3::Y), ("z", glam::DVec3::Z)] {
-        if axis.dot(of).abs() > 1.0 - 1e-9 {
-            return format!("{}{name}", if axis.dot(of) < 0.0 { "−" } else { "" });
-        }
-    }
-    format!("({:.2}, {:.2}, {:.2})", axis.x, axis.y, axis.z)
 }
 
 fn robot(

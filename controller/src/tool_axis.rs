@@ -9,7 +9,7 @@ const AXIS_ANGLE: f64 = 0.2;
 
 /// The axis of the last joint in the tool's frame, pointing outward: a flange's face is normal to it. That of the
 /// last one that rotates, where there is one.
-pub(super) fn approach_axis<const N: usize>(chain: &Chain<N>, at: &SVector<f64, N>) -> DVec3 {
+pub(crate) fn approach_axis<const N: usize>(chain: &Chain<N>, at: &SVector<f64, N>) -> DVec3 {
     let mut kinematics = Kinematics::new();
     forward_kinematics(chain, at, &mut kinematics);
     let last = (0..N).rev().find(|i| chain.joint_kind(*i) == Some(JointKind::Revolute));
@@ -24,7 +24,7 @@ pub(super) fn approach_axis<const N: usize>(chain: &Chain<N>, at: &SVector<f64, 
 
 /// A direction, as an axis of the frame where it is near to one.
 #[must_use]
-pub(super) fn snapped(direction: DVec3) -> DVec3 {
+pub(crate) fn snapped(direction: DVec3) -> DVec3 {
     let direction = direction.normalize_or(DVec3::Z);
     let axes = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| [axis, -axis]);
     let near = axes.into_iter().find(|axis| axis.angle_between(direction) < AXIS_ANGLE);
@@ -33,8 +33,19 @@ pub(super) fn snapped(direction: DVec3) -> DVec3 {
 
 /// The orientation of a tool whose approach axis is `taught` (in its own frame) on a flange whose is `own`.
 #[must_use]
-pub(super) fn orientation(own: DVec3, taught: DVec3) -> DQuat {
+pub(crate) fn orientation(own: DVec3, taught: DVec3) -> DQuat {
     DQuat::from_rotation_arc(taught, own)
+}
+
+/// An axis in words.
+#[must_use]
+pub(crate) fn named(axis: DVec3) -> String {
+    for (name, of) in [("x", DVec3::X), ("y", DVec3::Y), ("z", DVec3::Z)] {
+        if axis.dot(of).abs() > 1.0 - 1e-9 {
+            return format!("{}{name}", if axis.dot(of) < 0.0 { "−" } else { "" });
+        }
+    }
+    format!("({:.2}, {:.2}, {:.2})", axis.x, axis.y, axis.z)
 }
 
 #[cfg(test)]
@@ -46,6 +57,7 @@ mod tests {
         let q = orientation(DVec3::X, DVec3::Z);
         assert!((q * DVec3::Z - DVec3::X).length() < 1e-12);
         assert_eq!(snapped(DVec3::new(0.01, 2.0, 0.0)), DVec3::Y);
+        assert_eq!([named(DVec3::NEG_Y), named(DVec3::new(0.6, 0.0, 0.8))], ["−y", "(0.60, 0.00, 0.80)"]);
     }
 
     #[test]
