@@ -140,7 +140,7 @@ franka-soak: seed venv-franka build
 	    --interface $(or $(INTERFACE),torque)
 
 hostile:
-	TPRMP_HOSTILE_MESSAGES=$(MESSAGES) $(CARGO) test --release --locked -p tprmp-controller --test hostile
+	TPRMP_HOSTILE_MESSAGES=$(MESSAGES) $(CARGO) test --release --locked -p tprmp-controller --test all -- hostile
 
 crashes: build venv
 	TPRMP_CRASHES=200 TPRMP_CRASHES_ARM=40 $(CARGO) test --release --locked --workspace --test processes -- crashes

@@ -57,7 +57,10 @@ mod tests {
         let q = orientation(DVec3::X, DVec3::Z);
         assert!((q * DVec3::Z - DVec3::X).length() < 1e-12);
         assert_eq!(snapped(DVec3::new(0.01, 2.0, 0.0)), DVec3::Y);
-        assert_eq!([named(DVec3::NEG_Y), named(DVec3::new(0.6, 0.0, 0.8))], ["−y", "(0.60, 0.00, 0.80)"]);
+        assert_eq!(
+            [named(DVec3::NEG_Y), named(DVec3::new(0.6, 0.0, 0.8))],
+            ["−y", "(0.60, 0.00, 0.80)"]
+        );
     }
 
     #[test]

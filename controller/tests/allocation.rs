@@ -14,8 +14,6 @@ use tprmp_model::controller_config::{ControllerConfig, Trigger};
 
 use crate::common::{Controller, Outcome, PLANE, POSES, Setting, answer};
 
-mod common;
-
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 

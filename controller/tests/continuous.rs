@@ -13,8 +13,6 @@ use tprmp_model::controller_config::ControllerConfig;
 
 use crate::common::{Controller, POSES, answer, file};
 
-mod common;
-
 const MS: u64 = 1_000_000;
 const TICKS: u64 = 4000;
 /// The first states confirm each other: nothing is commanded before.

@@ -16,8 +16,6 @@ use tprmp_robot::{Chain, ControlPoints, Kinematics, forward_kinematics, point_po
 
 use crate::common::{Controller, Outcome, PLANE, POSES, Setting, answer, file};
 
-mod common;
-
 const MS: u64 = 1_000_000;
 /// The first states confirm each other: nothing is commanded before.
 const CONFIRMING: u64 = 2;

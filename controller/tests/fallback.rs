@@ -7,8 +7,6 @@ use tprmp_model::controller_config::{ControllerConfig, Fallback, PostureLeaf, St
 
 use crate::common::{Controller, Outcome, PLANE, POSES, Setting, answer};
 
-mod common;
-
 const MS: u64 = 1_000_000;
 
 /// What happens in a tick: edits the robot as it is, and what is published of it.

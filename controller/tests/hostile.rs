@@ -11,7 +11,6 @@ use std::time::{Duration, Instant};
 
 use tprmp_controller::motion::limits::JointLimits;
 use tprmp_controller::startup;
-use tprmp_controller::timing::allocation::CountingAllocator;
 use tprmp_controller::timing::pacing::Pacing;
 use tprmp_controller::timing::realtime::monotonic_ns;
 use tprmp_messages::{
@@ -22,11 +21,6 @@ use tprmp_model::controller_config::{self, Trigger};
 use tprmp_robot::Chain;
 
 use crate::common::{Controller, PLANE, POSES, Setting, answer, file};
-
-mod common;
-
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 const MS: u64 = 1_000_000;
 /// Messages of a stream.

@@ -14,8 +14,6 @@ use tprmp_spatial::Pose;
 
 use crate::common::{Controller, POSES, answer, file};
 
-mod common;
-
 const N: usize = 6;
 type Joints = SVector<f64, N>;
 const MS: u64 = 1_000_000;

@@ -15,8 +15,6 @@ use tprmp_spatial::{MovingPose, Pose};
 
 use crate::common::{Controller, Setting, answer, file};
 
-mod common;
-
 const N: usize = 2;
 const MS: u64 = 1_000_000;
 /// The first states confirm each other: nothing is commanded before.

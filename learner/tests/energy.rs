@@ -1,9 +1,7 @@
 //! V falls where frames rest, also where the governor acts: on demonstrations of several groups of starts, faster than the
 //! governor lets them be, and on tight loops.
 
-mod common;
-
-use common::skill;
+use crate::common::skill;
 use glam::{DQuat, DVec3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -40,7 +38,7 @@ fn through(points: &[DVec3], samples: usize) -> Vec<Pose> {
 }
 
 fn demonstration(name: String, poses: Vec<Pose>) -> Demonstration {
-    let template = common::arcs(Manifold::R2).remove(0);
+    let template = crate::common::arcs(Manifold::R2).remove(0);
     Demonstration {
         name,
         poses,

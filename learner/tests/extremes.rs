@@ -1,9 +1,7 @@
 //! Demonstrations that can be read but not meant: learning from them ends in a model that can be
 //! read again or in an error, never in a panic.
 
-mod common;
-
-use common::{Folder, arcs, skill_text};
+use crate::common::{Folder, arcs, skill_text};
 use glam::DVec3;
 use proptest::prelude::*;
 use tprmp_learner::demonstration::Demonstration;

@@ -1,11 +1,9 @@
 //! What becomes of a skill when its frames, or everything, lie elsewhere; and skills of one and of
 //! three frames.
 
-mod common;
-
 use std::sync::LazyLock;
 
-use common::{Folder, arcs, skill, skill_text};
+use crate::common::{Folder, arcs, skill, skill_text};
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng};

@@ -1,12 +1,10 @@
 //! Models of made-up demonstrations against those that were stored when the learner was last meant
-//! to change. `TPRMP_RENEW_GOLDEN=1 cargo test -p tprmp-learner --test golden` stores them anew.
-
-mod common;
+//! to change. `TPRMP_RENEW_GOLDEN=1 cargo test -p tprmp-learner --test all golden` stores them anew.
 
 use std::path::Path;
 
-use common::rounds::{all, periodic, wiping};
-use common::{Folder, arcs, skill_text};
+use crate::common::rounds::{all, periodic, wiping};
+use crate::common::{Folder, arcs, skill_text};
 use tprmp_learner::periodic::learn as learn_periodic;
 use tprmp_learner::skill::Skill;
 use tprmp_learner::train::learn;
@@ -94,7 +92,8 @@ fn a_thesis_model_of_poses_is_the_stored_one() {
 
 #[test]
 fn a_periodic_model_in_the_plane_is_the_stored_one() {
-    let skill = periodic(common::skill("planar.ron")).with_components(2 * COMPONENTS).unwrap();
+    let skill =
+        periodic(crate::common::skill("planar.ron")).with_components(2 * COMPONENTS).unwrap();
     let demonstrations = all(Manifold::R2, wiping, &[2.2, 3.4]);
     let learned = learn_periodic(&skill, &demonstrations, 1).unwrap();
     compare("periodic_plane", &to_text(&learned.model));

@@ -1,10 +1,8 @@
 //! Demonstrations, skill files and foreign files: what is wrong is refused by file and key.
 
-mod common;
-
 use std::path::Path;
 
-use common::{Folder, arcs, skill, skill_file, skill_text};
+use crate::common::{Folder, arcs, skill, skill_file, skill_text};
 use proptest::prelude::*;
 use tprmp_files::Existing;
 use tprmp_learner::demonstration::{self, Grip, Gripper, read, read_folder, to_text};

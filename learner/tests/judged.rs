@@ -1,8 +1,6 @@
 //! What people get wrong in demonstrations is told: which file, where, by how much.
 
-mod common;
-
-use common::{arcs, skill, skill_file};
+use crate::common::{arcs, skill, skill_file};
 use glam::{DQuat, DVec3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

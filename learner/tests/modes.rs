@@ -1,8 +1,6 @@
 //! Demonstrations that contradict each other become modes of one model.
 
-mod common;
-
-use common::{Folder, arcs, skill, skill_text};
+use crate::common::{Folder, arcs, skill, skill_text};
 use glam::{DQuat, DVec3};
 use tprmp_learner::demonstration::Demonstration;
 use tprmp_learner::mixture::components::Components;

@@ -1,13 +1,11 @@
 //! What becomes of names that want to be paths, and of what is there already: the program as a user
 //! runs it.
 
-mod common;
-
 use std::os::unix::fs::{FileTypeExt, symlink};
 use std::path::Path;
 use std::process::Command;
 
-use common::{Folder, arcs, skill_text};
+use crate::common::{Folder, arcs, skill_text};
 use rustix::fs::{CWD, FileType, Mode, makedev, mknodat};
 use tprmp_model::skill_model::Manifold;
 

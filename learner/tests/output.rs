@@ -1,12 +1,10 @@
 //! What the program prints, to readers that have gone and to disks that are full.
 
-mod common;
-
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-use common::{Folder, arcs, skill_text};
+use crate::common::{Folder, arcs, skill_text};
 use tprmp_model::skill_model::Manifold;
 
 /// A skill file with its demonstrations, and a model of it.

@@ -1,9 +1,7 @@
 //! Periodic skills: rounds are found in recordings, and the limit cycle that is learned from them is certified.
 
-mod common;
-
-use common::rounds::{PERIOD_S, Shape, all, clean, periodic, recorded, stirring, wiping};
-use common::{Folder, arcs, skill, skill_text};
+use crate::common::rounds::{PERIOD_S, Shape, all, clean, periodic, recorded, stirring, wiping};
+use crate::common::{Folder, arcs, skill, skill_text};
 use glam::{DQuat, DVec3};
 use tprmp_learner::certify::policy::{Body, LearnedPolicy, MotionPolicy};
 use tprmp_learner::certify::rollout::resolve;
@@ -263,7 +261,7 @@ fn demonstrations_without_rounds_are_named() {
         ..stirring(rounds)
     };
     let turning = recorded(0, Manifold::R3S3, turning, 3.4);
-    let skill = periodic(common::skill("pick.ron"));
+    let skill = periodic(crate::common::skill("pick.ron"));
     let turns = learn(&skill, &[turning], 1).unwrap_err().to_string();
     assert!(turns.contains("round_00.json") && turns.contains("turns on and on"), "{turns}");
 }
@@ -388,7 +386,8 @@ fn rounds_that_drift_and_files_beside_the_others_are_named_with_how_far() {
 #[test]
 fn the_shipped_periodic_skill_is_learned() {
     let trained =
-        train(&common::skill_file("wipe.ron"), Components::Count(10), 1, &mut |_| {}).unwrap();
+        train(&crate::common::skill_file("wipe.ron"), Components::Count(10), 1, &mut |_| {})
+            .unwrap();
     let certificate = &trained.model.certificate;
     assert!(certificate.holds(), "{:?}", certificate.failures);
     let cycle = certificate.cycle.as_ref().unwrap();

@@ -1,11 +1,9 @@
 //! Pictures: well-formed, complete, the same again; wrong demonstrations are refused by their names.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use common::{Folder, arcs, skill_text};
+use crate::common::{Folder, arcs, skill_text};
 use tprmp_learner::mixture::components::{Candidate, Choice, Components};
 use tprmp_learner::plot;
 use tprmp_learner::train::train;

@@ -1,11 +1,9 @@
 //! The whole path from demonstrations to a model, on made-up demonstrations.
 
-mod common;
-
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-use common::{Folder, arcs, skill, skill_text};
+use crate::common::{Folder, arcs, skill, skill_text};
 use glam::{DQuat, DVec3};
 use tprmp_learner::demonstration::{Demonstration, Grip, Gripper};
 use tprmp_learner::mixture::components::Components;

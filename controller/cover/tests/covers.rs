@@ -1,8 +1,6 @@
 //! What is said of a cover holds: all of the surface is inside, and nothing sticks out farther than stated.
 
-mod common;
-
-use common::{
+use crate::common::{
     Robot, Triangle, ascii_stl, assert_covered, assert_protrusion, collision, cuboid, to_boxes,
     tube,
 };

@@ -1,11 +1,9 @@
 //! Mesh files of all kinds, where they are looked for, and what is said of those that are none.
 
-mod common;
-
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use common::{Robot, Triangle, ascii_stl, assert_covered, collision, cuboid};
+use crate::common::{Robot, Triangle, ascii_stl, assert_covered, collision, cuboid};
 use glam::DVec3;
 use tprmp_cover::{Options, Packages, cover};
 

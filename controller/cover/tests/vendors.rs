@@ -1,12 +1,10 @@
 //! Arms of vendors, from pybullet's data package, where `make venv` has put it.
 
-mod common;
-
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use common::{assert_covered, points_on_spheres};
+use crate::common::{assert_covered, points_on_spheres};
 use glam::DVec3;
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::ConvexPolyhedron;

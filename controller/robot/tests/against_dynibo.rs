@@ -1,10 +1,8 @@
 //! Kinematics and dynamics against an independent implementation, the crate `dynibo`.
 
-mod common;
-
 use std::path::Path;
 
-use common::{data_file, point2d, pybullet_file, robot_file, skew, states, ur5};
+use crate::common::{data_file, point2d, pybullet_file, robot_file, skew, states, ur5};
 use dynibo::Robot;
 use glam::{DMat3, DVec3};
 use nalgebra::{DMatrix, SMatrix, SVector};

@@ -1,12 +1,10 @@
 //! Evaluation allocates nothing.
 
-mod common;
-
 #[expect(unreachable_pub, reason = "a module of the controller, whose allocator counts here too")]
 #[path = "../../src/timing/allocation.rs"]
-mod allocation;
+mod counting;
 
-use common::{GRAVITY, states, ur5};
+use crate::common::{GRAVITY, states, ur5};
 use tprmp_robot::{
     ControlPoints, Kinematics, forward_dynamics, forward_kinematics,
     forward_kinematics_with_velocity, gravity_torques, inverse_dynamics, mass_matrix, point_motion,
@@ -14,7 +12,7 @@ use tprmp_robot::{
 };
 
 #[global_allocator]
-static ALLOCATOR: allocation::CountingAllocator = allocation::CountingAllocator;
+static ALLOCATOR: counting::CountingAllocator = counting::CountingAllocator;
 
 #[test]
 fn evaluation_allocates_nothing() {
@@ -22,7 +20,7 @@ fn evaluation_allocates_nothing() {
     let points = ControlPoints::new(&chain).unwrap();
     let mut kinematics = Kinematics::new();
     let states: Vec<_> = states::<6>(31).collect();
-    let before = allocation::counted();
+    let before = counting::counted();
     assert!(before > 0, "the counter works");
     let mut sum = 0.0;
     for [q, q_d, q_dd] in &states {
@@ -36,6 +34,6 @@ fn evaluation_allocates_nothing() {
         sum += gravity_torques(&chain, q, GRAVITY).sum() + mass_matrix(&chain, q).sum();
         sum += forward_dynamics(&chain, q, q_d, &torques, GRAVITY).map_or(f64::NAN, |a| a.sum());
     }
-    assert_eq!(allocation::counted(), before);
+    assert_eq!(counting::counted(), before);
     assert!(sum.is_finite());
 }

@@ -1,10 +1,8 @@
 //! Spheres cover the collision shapes, and not much more.
 
-mod common;
-
 use std::path::PathBuf;
 
-use common::{point2d, robot_file, skew, ur5};
+use crate::common::{point2d, robot_file, skew, ur5};
 use glam::DVec3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

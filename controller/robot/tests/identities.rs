@@ -1,8 +1,6 @@
 //! Identities between the algorithms, and derivatives against finite differences.
 
-mod common;
-
-use common::{GRAVITY, point2d, skew, states, ur5};
+use crate::common::{GRAVITY, point2d, skew, states, ur5};
 use glam::{DMat3, DVec3};
 use nalgebra::SVector;
 use tprmp_robot::{

@@ -1,8 +1,6 @@
 //! Which spheres of an arm keep clear of each other.
 
-mod common;
-
-use common::{point2d, ur5};
+use crate::common::{point2d, ur5};
 use tprmp_robot::{
     ControlPoints, Ignored, Kinematics, SelfPairs, forward_kinematics, point_position,
 };

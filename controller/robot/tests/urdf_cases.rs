@@ -1,10 +1,8 @@
 //! Descriptions as they come from others: what the arm does not need is not judged, and what is wrong with the
 //! rest is said at once, with its place and what to do.
 
-mod common;
-
-use common::robot_file;
-use common::variants::*;
+use crate::common::robot_file;
+use crate::common::variants::*;
 use tprmp_robot::document::{Owner, Shape};
 use tprmp_robot::{Document, count_joints, remarks};
 

@@ -1,10 +1,8 @@
 //! Each unusable URDF gives an error that names the file, the place, what was expected and found.
 
-mod common;
-
 use std::path::PathBuf;
 
-use common::{data_file, robot_file, skew, ur5};
+use crate::common::{data_file, robot_file, skew, ur5};
 use tprmp_robot::{Chain, JointKind, Selection, UrdfErrorKind, count_joints};
 
 /// A chain of two joints with a fixed side branch, to be spoilt by the tests.

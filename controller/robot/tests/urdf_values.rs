@@ -1,9 +1,7 @@
 //! Limits, masses and branches of descriptions as they come from others.
 
-mod common;
-
-use common::robot_file;
-use common::variants::*;
+use crate::common::robot_file;
+use crate::common::variants::*;
 use glam::DVec3;
 use tprmp_robot::{Chain, Document, LimitOverride, count_joints, remarks};
 

@@ -173,13 +173,15 @@ impl AddedFrames {
     fn add(&mut self, added: AddedFrame) -> Result<(), String> {
         let AddedFrame { frame_name, parent_frame_name, joint_type, fixed_transform } = added;
         let fault = |expected: &str, found: &str| {
-            let (name, found) = (tprmp_files::printable(&frame_name), tprmp_files::printable(found));
+            let (name, found) =
+                (tprmp_files::printable(&frame_name), tprmp_files::printable(found));
             Err(format!("key `modifiers`, frame `{name}`: expected {expected}, found {found}"))
         };
         if let Some(found) = joint_type.filter(|found| !found.eq_ignore_ascii_case("fixed")) {
             return fault("a joint_type of FIXED", &format!("`{found}`"));
         }
-        let FixedTransform { position, orientation: Orientation { w, xyz: [x, y, z] } } = fixed_transform;
+        let FixedTransform { position, orientation: Orientation { w, xyz: [x, y, z] } } =
+            fixed_transform;
         let rotation = DQuat::from_xyzw(x, y, z, w);
         let (position, length) = (DVec3::from(position), rotation.length());
         if !position.is_finite() || !(0.99..1.01).contains(&length) {

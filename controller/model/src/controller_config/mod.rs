@@ -19,7 +19,7 @@ mod supervision;
 
 pub use config::{
     Capability, ControlPoint, ControllerConfig, Done, FrameObserver, JointLimit, Loop, PointLimits,
-    RealTime, Robot, StartFrame, ToolOffset, Stop, Trigger,
+    RealTime, Robot, StartFrame, Stop, ToolOffset, Trigger,
 };
 pub use drives::{Actuators, Disturbance, Impedance, JointDrives, Load, Servo};
 pub use error::{ConfigError, Fault, Problem};
