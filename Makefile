@@ -6,6 +6,7 @@
 # make experiments-arm   the whole arm in simulation: pushes, obstacles, other arms, false goals (QUICK=1: a short look)
 # make robots        configures a dozen arms from their makers' URDFs and lets each follow a skill; ARMS=ur3 one of them
 # make fitted        the suction tool on a Franka Panda and a KUKA LBR iiwa, for panda_pick.ron and iiwa_pick.ron
+# make configurations   configures the shipped arms anew from their URDFs: config/controllers/base
 # make hostile       MESSAGES=100000 hostile messages a stream, at twelve rates: no command steps beyond a limit
 # make crashes       kill 200 processes in the plane and 40 in pybullet, at random moments
 # make soak          run a controller for MINUTES=10 beside a simulator that is killed and started again
@@ -33,7 +34,7 @@ BRIDGE := $(VENV)/bin/sim-bridge
 # Whether there is a Python for the simulator of a Franka arm, which has no packages for older ones.
 FRANKA := $(shell $(PYTHON) -c 'import sys; print("yes" if sys.version_info[:2] == (3, 11) else "")' 2>/dev/null)
 
-.PHONY: help demo demo-planar test bench hostile crashes experiments experiments-arm robots fitted soak franka-soak lint build venv venv-franka seed clean
+.PHONY: help demo demo-planar test bench hostile crashes experiments experiments-arm robots fitted configurations soak franka-soak lint build venv venv-franka seed clean
 
 help:
 	@sed -n '/^# make/s/^# //p' Makefile
@@ -152,6 +153,12 @@ experiments: seed build
 fitted: venv
 	@for robot in panda iiwa; do \
 	    $(BRIDGE) fit config/robots/$${robot}_suction.json --out target/robots/$${robot}_suction.urdf || exit 1; done
+
+# The whole configurations on which those of the shipped arms are layers.
+configurations: fitted build
+	@for arm in config/robots/ur5 target/robots/panda_suction target/robots/iiwa_suction; do \
+	    $(BIN)/controller init $$arm.urdf --tool suction_tip --task pick --interface torque --hulls --force \
+	        --out config/controllers/base || exit 1; done
 
 experiments-arm: fitted build
 	@mkdir -p target/experiments

@@ -34,9 +34,13 @@ struct Files {
     urdf: PathBuf,
 }
 
+/// A layer of the UR5 on what all arms have in common, as in `config/controllers`.
+fn layer() -> String {
+    std::fs::read_to_string(repository().join("controller/model/tests/data/layer.ron")).unwrap()
+}
+
 fn files(test: &str, of_urdf: &[(&str, &str)], of_config: &[(&str, &str)]) -> Files {
-    let edited = |from: &str, edits: &[(&str, &str)]| {
-        let mut text = std::fs::read_to_string(repository().join("config").join(from)).unwrap();
+    let edited = |mut text: String, edits: &[(&str, &str)]| {
         for (from, to) in edits {
             assert!(text.contains(from), "nothing to edit: {from}");
             text = text.replacen(from, to, 1);
@@ -46,9 +50,16 @@ fn files(test: &str, of_urdf: &[(&str, &str)], of_config: &[(&str, &str)]) -> Fi
     let place = Path::new(env!("CARGO_TARGET_TMPDIR"));
     let urdf = place.join(format!("description_{test}.urdf"));
     let config = place.join(format!("description_{test}.ron"));
-    std::fs::write(&urdf, edited("robots/ur5.urdf", of_urdf)).unwrap();
+    std::fs::write(
+        &urdf,
+        edited(
+            std::fs::read_to_string(repository().join("config/robots/ur5.urdf")).unwrap(),
+            of_urdf,
+        ),
+    )
+    .unwrap();
     let base = repository().join("config/controllers/base/arm_pick.ron");
-    let text = edited("controllers/ur5_pick.ron", of_config)
+    let text = edited(layer(), of_config)
         .replace("base/arm_pick.ron", &base.display().to_string())
         .replace("../robots/ur5.urdf", &urdf.display().to_string());
     std::fs::write(&config, text).unwrap();
@@ -109,9 +120,7 @@ fn limits_and_held_joints_come_from_the_configuration() {
 
 #[test]
 fn an_arm_that_follows_positions_needs_no_efforts_and_no_masses() {
-    let text =
-        std::fs::read_to_string(repository().join("config/controllers/ur5_pick.ron")).unwrap();
-    let (torque, servo) = servo(&text);
+    let (torque, servo) = servo(&layer());
     let urdf = [
         (ELBOW, r#"<limit lower="-3" upper="3" velocity="3"/>"#),
         ("<mass value=\"0.2\"/>", "<mass value=\"0\"/>"),

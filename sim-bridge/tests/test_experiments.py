@@ -237,7 +237,7 @@ def corners(mesh):
 
 def test_the_balls_of_an_arm_cover_the_hulls_of_its_meshes(arm):
     name, urdf = arm
-    config = ROOT / "config" / "controllers" / f"{name}_pick.ron"
+    config = ROOT / "config" / "controllers" / "base" / f"{name}_suction.ron"
     pattern = r'link: "(\w+)", position_m: \(([^)]*)\), radius_m: ([\d.]+)'
     balls = {}
     for link, place, radius in re.findall(pattern, config.read_text(encoding="utf-8")):

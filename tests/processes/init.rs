@@ -47,6 +47,34 @@ fn own_arms_that_init_configures_follow_a_skill_to_four_places() {
 }
 
 #[test]
+fn the_shipped_arms_are_configured_by_init() {
+    let place = Place::new("init-shipped");
+    let root = file("");
+    let fitted =
+        ["panda_suction", "iiwa_suction"].map(|arm| format!("{root}/target/robots/{arm}.urdf"));
+    for urdf in [file("config/robots/ur5.urdf")].into_iter().chain(fitted) {
+        let out = place.path("out");
+        let asked = "--tool suction_tip --task pick --interface torque --hulls --out";
+        let mut arguments: Vec<_> = asked.split(' ').collect();
+        arguments.extend([out.as_str()]);
+        let made = init(&[&[urdf.as_str()], &arguments[..]].concat());
+        assert!(made.status.success(), "`make fitted` writes the arms: {}", text(&made));
+        let name = std::path::Path::new(&urdf).with_extension("ron");
+        let name = name.file_name().unwrap().to_str().unwrap();
+        // All but the way to the description, which depends on the folder.
+        let keys = |path: String| {
+            let text = read(&path);
+            text.lines().filter(|line| !line.contains(" urdf: ")).collect::<Vec<_>>().join("\n")
+        };
+        let shipped = keys(file(&format!("config/controllers/base/{name}")));
+        assert!(
+            keys(format!("{out}/{name}")) == shipped,
+            "{name}: `make configurations` writes it anew"
+        );
+    }
+}
+
+#[test]
 fn a_configuration_is_whole_and_the_same_each_time_and_replaces_nothing() {
     let place = Place::new("init-ur5");
     let (urdf, out) = (file("config/robots/ur5.urdf"), place.path("out"));

@@ -63,12 +63,15 @@ pub struct Options {
     pub protrusion_m: f64,
     /// So many spheres may the arm have.
     pub spheres_max: usize,
+    /// Whether the convex hulls of the meshes are covered, which is what simulators collide with, and no dent of them
+    /// is left open.
+    pub hulls: bool,
 }
 
 impl Default for Options {
     /// 15 mm, and as many spheres as an arm can have.
     fn default() -> Self {
-        Self { protrusion_m: 0.015, spheres_max: CONTROL_POINT_CAPACITY }
+        Self { protrusion_m: 0.015, spheres_max: CONTROL_POINT_CAPACITY, hulls: false }
     }
 }
 
@@ -180,7 +183,7 @@ pub fn cover_document(
         return Err(CoverError::NothingMoves { file: urdf.to_owned() });
     }
     let links: Vec<LinkShapes> =
-        names.par_iter().map(|link| description.shapes(link, packages)).collect();
+        names.par_iter().map(|link| description.shapes(link, packages, options.hulls)).collect();
     let coverable: Vec<Option<Coverable>> =
         links.par_iter().map(|link| Coverable::new(&link.triangles, link.excess)).collect();
     let fixed: usize = links.iter().map(|link| link.spheres.len()).sum();

@@ -126,8 +126,8 @@ impl Description<'_> {
         })
     }
 
-    /// The collision shapes of a link.
-    pub(crate) fn shapes(&self, link: &str, packages: &Packages) -> LinkShapes {
+    /// The collision shapes of a link, of its meshes their convex hulls where those are asked for.
+    pub(crate) fn shapes(&self, link: &str, packages: &Packages, hulls: bool) -> LinkShapes {
         let mut shapes = LinkShapes { link: link.to_owned(), ..LinkShapes::default() };
         let folder = self.document.file.parent().unwrap_or(Path::new(""));
         let of_link = self.document.links.iter().filter(|other| other.name == link);
@@ -156,6 +156,9 @@ impl Description<'_> {
                     shapes.meshes += 1;
                     let placed = placement * DAffine3::from_scale(DVec3::from_array(*scale));
                     match load(packages, folder, filename, &placed) {
+                        Ok(triangles) if hulls => {
+                            shapes.triangles.extend(mesh::hull(&triangles).unwrap_or(triangles));
+                        }
                         Ok(triangles) => shapes.triangles.extend(triangles),
                         Err(fault) => {
                             shapes.missing.push(MissingMesh { filename: filename.clone(), fault });

@@ -6,6 +6,8 @@ use std::path::Path;
 
 use glam::DVec3;
 use mesh_loader::Scene;
+use parry3d_f64::math::Vector;
+use parry3d_f64::transformation::try_convex_hull;
 
 use crate::collada;
 use crate::triangle::{TRIANGLES_MAX, Triangle, ends};
@@ -130,6 +132,15 @@ fn of_scene(scene: io::Result<Scene>) -> Result<Vec<Triangle>, String> {
         }
     }
     Ok(triangles)
+}
+
+/// The surface of the convex hull; `None` where the triangles have none, as those in a line.
+pub(crate) fn hull(triangles: &[Triangle]) -> Option<Vec<Triangle>> {
+    let corners: Vec<_> =
+        triangles.iter().flatten().map(|at| Vector::new(at.x, at.y, at.z)).collect();
+    let (corners, faces) = try_convex_hull(&corners).ok()?;
+    let corner = |i: u32| corners.get(i as usize).map(|at| DVec3::new(at.x, at.y, at.z));
+    faces.iter().map(|&[a, b, c]| Some([corner(a)?, corner(b)?, corner(c)?])).collect()
 }
 
 #[cfg(test)]

@@ -68,6 +68,16 @@ fn a_channel_and_a_plate_are_not_filled() {
     assert!(cover.is_within(), "{}", cover.summary());
     assert_covered(&cover.links[0]);
     assert_protrusion(&cover.links[0], |p| to_boxes(&parts, p));
+    // What is between the plates belongs to the hull, whose spheres are around it all.
+    let hulls = Options { protrusion_m: 0.03, hulls: true, ..Options::default() };
+    let hull = Robot::of_mesh(&triangles).cover(&hulls);
+    assert_covered(&hull.links[0]);
+    let is_inside = |link: &tprmp_cover::LinkCover, at: DVec3| {
+        link.spheres.iter().any(|sphere| sphere.centre.distance(at) <= sphere.radius)
+    };
+    let between = DVec3::new(0.0, 0.0, 0.29);
+    assert!(is_inside(&hull.links[0], between) && !is_inside(&cover.links[0], between));
+    assert_protrusion(&hull.links[0], |p| to_boxes(&[[parts[0][0], parts[2][1]]], p));
     // Thinner than any grid.
     let (low, high) = (DVec3::ZERO, DVec3::new(0.1, 0.1, 0.0005));
     let plate = cuboid(low, high);

@@ -33,6 +33,9 @@ pub struct CoverLinks {
     /// So many spheres may the arm have; where they do not suffice, they stick out farther.
     #[arg(long, value_name = "N", default_value_t = CONTROL_POINT_CAPACITY)]
     spheres: usize,
+    /// Cover the convex hulls of the meshes, which is what most simulators collide with.
+    #[arg(long)]
+    hulls: bool,
     /// Link that need not be kept clear: that its mesh is missing is no fault. May be given several times.
     #[arg(long, value_name = "LINK")]
     exempt: Vec<String>,
@@ -98,7 +101,8 @@ impl CoverLinks {
             ..Selection::default()
         });
         let packages = Packages::with_environment(self.package.clone());
-        let options = Options { protrusion_m: self.protrusion, spheres_max: self.spheres };
+        let options =
+            Options { protrusion_m: self.protrusion, spheres_max: self.spheres, hulls: self.hulls };
         let found = cover(&self.urdf, selection.as_ref(), &packages, &options)?;
         if let Some(link) =
             self.exempt.iter().find(|link| found.links.iter().all(|l| l.link != **link))

@@ -60,6 +60,9 @@ pub struct Init {
     /// So many spheres may the arm have.
     #[arg(long, value_name = "N", default_value_t = 48)]
     spheres: usize,
+    /// Cover the convex hulls of the meshes, which is what most simulators collide with.
+    #[arg(long)]
+    hulls: bool,
     /// Folder for the configuration.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -77,8 +80,11 @@ impl Init {
     /// # Errors
     /// [`InitError`].
     pub fn run(self) -> Result<(), InitError> {
-        let cover =
-            tprmp_cover::Options { protrusion_m: self.protrusion, spheres_max: self.spheres };
+        let cover = tprmp_cover::Options {
+            protrusion_m: self.protrusion,
+            spheres_max: self.spheres,
+            hulls: self.hulls,
+        };
         let options = Options {
             urdf: self.urdf,
             base: self.base,

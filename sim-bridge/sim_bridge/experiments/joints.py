@@ -116,26 +116,18 @@ def controller_config(source: Path, folder: Path, name: str, case: Case, chain: 
         "viscous_friction": [joints.viscous] * chain.joint_count,
     }
     if joints.interface == "torque":
-        for key, values in drives.items():
-            text = _replaced(source, text, rf"{key}: \[[^\]]*\]", f"{key}: {values}")
+        kind, keys = "Torque", ", ".join(f"{key}: {values}" for key, values in drives.items())
     else:
-        servo = {"position": "PositionServo", "velocity": "VelocityServo"}[joints.interface]
+        kind = {"position": "PositionServo", "velocity": "VelocityServo"}[joints.interface]
         keys = f"lag_s: {joints.servo_lag_s}, reference_time_constant_s: {SERVO_REFERENCE_S}"
-        text = _replaced(
-            source, text, r"actuators: Torque\(\(.*?\)\)", f"actuators: {servo}(({keys}))"
-        )
+    text, count = re.subn(r"\brobot: \(", rf"\g<0>actuators: {kind}(({keys})),", text)
+    if count != 1:
+        raise BridgeError(f"{source}: expected `robot: (` once, found {count} times")
     for path in (base[1], *re.findall(r'urdf: "([^"]+)"', text)):
         text = text.replace(f'"{path}"', f'"{(source.parent / path).resolve()}"')
     file = folder / f"{name}.ron"
     file.write_text(text, encoding="utf-8")
     return file
-
-
-def _replaced(source: Path, text: str, pattern: str, value: str) -> str:
-    text, count = re.subn(pattern, value, text, count=1, flags=re.DOTALL)
-    if count != 1:
-        raise BridgeError(f"{source}: expected `{pattern}` once, found {count}")
-    return text
 
 
 class PushedRun(Run):

@@ -159,6 +159,14 @@ fn blanked(text: &str, entry: &Entry) -> String {
     [&text[..entry.key.start], &blanks, &text[end..]].concat()
 }
 
+/// The name of an enum's variant before its keys, where there is one: another variant has other keys, and replaces
+/// the whole value.
+fn variant(value: &str) -> &str {
+    let value = value.strip_prefix("Some(").unwrap_or(value);
+    let end = value.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(value.len());
+    &value[..end]
+}
+
 /// The base with the layer's values in place of its own, and what the layer has besides.
 fn layered(base: &str, layer: &str) -> (String, Vec<Piece>) {
     struct Edit {
@@ -175,7 +183,12 @@ fn layered(base: &str, layer: &str) -> (String, Vec<Piece>) {
             continue;
         }
         let overridden = key(&below, &entry.path);
-        if overridden.is_some_and(|below| below.group.is_some()) && entry.group.is_some() {
+        let is_alike = |below: &Entry| {
+            let (below, above) = (&base[below.value.clone()], &layer[entry.value.clone()]);
+            variant(below) == variant(above)
+        };
+        let merges = |below: &Entry| below.group.is_some() && is_alike(below);
+        if entry.group.is_some() && overridden.is_some_and(merges) {
             continue;
         }
         done = entry.value.end;

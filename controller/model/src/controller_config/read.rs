@@ -86,16 +86,19 @@ mod tests {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/controllers")
     }
 
-    fn shipped() -> PathBuf {
-        controllers().join("ur5_pick.ron")
+    /// A layer as an arm without a configuration of its own has it, on the shipped base.
+    const LAYER: &str = include_str!("../../tests/data/layer.ron");
+
+    fn layer_path() -> PathBuf {
+        controllers().join("layer.ron")
     }
 
     /// The shipped configuration and its base, both edited.
     fn edited(edit: impl Fn(&str) -> String) -> Result<ControllerConfig, ConfigError> {
-        let text = std::fs::read_to_string(shipped()).unwrap();
-        let edited = edit(&text);
+        let text = LAYER;
+        let edited = edit(text);
         let is_hit = edited != text;
-        let layers = layers_of(Source { path: shipped(), text: edited }, |path| {
+        let layers = layers_of(Source { path: layer_path(), text: edited }, |path| {
             let text = std::fs::read_to_string(path)?;
             let edited = edit(&text);
             assert!(is_hit || edited != text, "the edit must hit");
@@ -149,7 +152,7 @@ mod tests {
     #[test]
     fn a_missing_key_is_named() {
         let error = error_of(|t| t.replace("fade_in_s:", "// fade_in_s:"));
-        assert!(error.contains("ur5_pick.ron") && error.contains("fade_in_s"), "{error}");
+        assert!(error.contains("layer.ron") && error.contains("fade_in_s"), "{error}");
     }
 
     #[test]
@@ -314,7 +317,7 @@ mod tests {
 
     #[test]
     fn servos_have_a_lag_within_bounds_and_torques_none() {
-        assert_eq!(read(&shipped()).unwrap().robot.actuators.lag_s(), 0.0);
+        assert_eq!(read(&controllers().join("ur5_pick.ron")).unwrap().robot.actuators.lag_s(), 0.0);
         for kind in ["PositionServo", "VelocityServo"] {
             let servo = |lag: &str| {
                 driven(&format!("{kind}((lag_s: {lag}, reference_time_constant_s: 0.5))"))
@@ -339,7 +342,7 @@ mod tests {
 
     #[test]
     fn commands_from_outside_are_optional_but_the_key_is_not() {
-        assert!(read(&shipped()).unwrap().external.is_some());
+        assert!(read(&controllers().join("ur5_pick.ron")).unwrap().external.is_some());
         let none = edited(|text| {
             without(text, "external").replace("    done: (", "    external: None,\n    done: (")
         });
@@ -350,7 +353,7 @@ mod tests {
 
     #[test]
     fn what_an_edit_leaves_is_validated_too() {
-        let path = shipped();
+        let path = controllers().join("ur5_pick.ron");
         let config = read_with(&path, |c| c.cycle.period_ns = 250_000).unwrap();
         assert_eq!(config.cycle.period_ns, 250_000);
         let error = read_with(&path, |c| c.real_time.fifo_priority = Some(100)).unwrap_err();
@@ -360,7 +363,7 @@ mod tests {
     #[test]
     fn a_truncated_file_is_an_error_with_a_position() {
         let error = error_of(|t| t[..t.len() / 2].to_string());
-        assert!(error.contains("ur5_pick.ron"), "{error}");
+        assert!(error.contains("layer.ron"), "{error}");
     }
 
     #[test]
@@ -379,6 +382,16 @@ mod tests {
         // A group in place of none, and none in place of a group, are values as a whole.
         let layers = layered("(base: \"b/base.ron\", f: (k: 1), a: None)", base).unwrap();
         assert_eq!(layers.text, "(a: None, f: (k: 1), g: Above(1), h: ())");
+        // Another variant replaces the whole value, the same one is changed.
+        let base = "(a: Servo((lag: 1, time: 2)), b: Some((c: 1, d: 2)))";
+        let layer = "(base: \"b/base.ron\", a: Torque((k: 3)), b: (c: 4))";
+        assert_eq!(
+            layered(layer, base).unwrap().text,
+            "(a: Torque((k: 3)), b: Some((c: 4, d: 2)))"
+        );
+        let layer = "(base: \"b/base.ron\", a: Servo((time: 3)))";
+        let same = "(a: Servo((lag: 1, time: 3)), b: Some((c: 1, d: 2)))";
+        assert_eq!(layered(layer, base).unwrap().text, same);
         let twice = layered("(base: \"b/base.ron\", f: 1, f: 2)", "(f: 0)").unwrap_err();
         assert!(twice.to_string().contains("key `f`: the key is given twice"), "{twice}");
     }
@@ -391,7 +404,8 @@ mod tests {
             (fault.path, fault.position, fault.key.unwrap_or_default())
         };
         let line = |path: &Path, part: &str| {
-            let text = std::fs::read_to_string(path).unwrap();
+            let base = (path != layer_path()).then(|| std::fs::read_to_string(path).unwrap());
+            let text = base.as_deref().unwrap_or(LAYER);
             let line = text.lines().position(|line| line.contains(part)).unwrap();
             let column = text.lines().nth(line).unwrap().find(part).unwrap();
             Some((line + 1, column + 1))
@@ -399,19 +413,19 @@ mod tests {
         let below = at(&|t| t.replace("fade_in_s:", "fade_in_ms:"));
         assert_eq!(below, (base.clone(), line(&base, "fade_in_s"), "stop.fade_in_ms".into()));
         let above = at(&|t| t.replace("urdf:", "urd:"));
-        assert_eq!(above, (shipped(), line(&shipped(), "urdf"), "robot.urd".into()));
+        assert_eq!(above, (layer_path(), line(&layer_path(), "urdf"), "robot.urd".into()));
         let list = at(&|t| t.replace("(link: \"wrist_3_link\", ", "(lnk: \"wrist_3_link\", "));
-        let column = line(&shipped(), "link: \"wrist_3_link\"");
-        assert_eq!(list, (shipped(), column, "collision.exempt[1].lnk".into()));
+        let column = line(&layer_path(), "link: \"wrist_3_link\"");
+        assert_eq!(list, (layer_path(), column, "collision.exempt[1].lnk".into()));
         let of_type = at(&|t| t.replace("gain: 4.0", "gain: \"x\""));
         assert_eq!((of_type.0, of_type.2), (base.clone(), "collision.steering.gain".into()));
         assert_eq!(of_type.1.map(|(line, _)| line), line(&base, "gain: 4.0").map(|(line, _)| line));
         let value = at(&|t| t.replace("period_ns: 1_000_000", "period_ns: 0"));
         assert_eq!(value, (base.clone(), None, "loop.period_ns".into()));
         let value = at(&|t| t.replace("position_margin: 0.05", "position_margin: -1"));
-        assert_eq!(value, (shipped(), None, "robot.position_margin".into()));
+        assert_eq!(value, (layer_path(), None, "robot.position_margin".into()));
         let syntax = at(&|t| t.replace("exempt: []", "exempt: [)"));
-        assert_eq!((syntax.0, syntax.2), (shipped(), String::new()));
+        assert_eq!((syntax.0, syntax.2), (layer_path(), String::new()));
         // A wrong type in place of a good value of the base, and a key that stands twice.
         let layer = |keys: &str| {
             let edit = |t: &str| t.replace("base: \"base", &format!("{keys} base: \"base"));
@@ -420,26 +434,26 @@ mod tests {
         for (keys, key) in [("done: (distance_m: \"x\"),", "done.distance_m"), ("done: 5,", "done")]
         {
             let (path, found, _) = layer(keys).next().unwrap();
-            assert_eq!((path, found.as_str()), (shipped(), key));
+            assert_eq!((path, found.as_str()), (layer_path(), key));
         }
         for keys in [
             "posture: None, done: 5, done: (distance_m: 0.5),",
             "posture: None, done: (distance_m: 0.5), done: (),",
             "posture: None, collision: None, done: (), done: 5,",
         ] {
-            let twice = (shipped(), "done".to_owned(), Problem::Twice);
+            let twice = (layer_path(), "done".to_owned(), Problem::Twice);
             assert!(layer(keys).any(|fault| fault == twice), "{keys}");
         }
         // What both lack is missing in the file that is read.
         let missing = faults_of(|t| t.replace("fade_in_s:", "// fade_in_s:")).remove(0);
-        let expected = (shipped(), None, Some("stop.fade_in_s".into()), Problem::Missing);
+        let expected = (layer_path(), None, Some("stop.fade_in_s".into()), Problem::Missing);
         assert_eq!((missing.path, missing.position, missing.key, missing.problem), expected);
     }
 
     #[test]
     fn brackets_without_end_are_refused_at_once() {
         for text in ["[".repeat(200_000), format!("({}", "a:(".repeat(100_000))] {
-            let source = Source { path: shipped(), text };
+            let source = Source { path: layer_path(), text };
             let ConfigError::Faults(faults) =
                 layers_of(source, |_| unreachable!("no base is named")).unwrap_err()
             else {
@@ -493,7 +507,7 @@ mod tests {
     #[test]
     fn a_base_that_is_none_is_refused() {
         let missing = error_of(|t| t.replace("base/arm_pick.ron", "base/leg_pick.ron"));
-        for part in ["ur5_pick.ron", "key `base`", "leg_pick.ron", "relative to this one"] {
+        for part in ["layer.ron", "key `base`", "leg_pick.ron", "relative to this one"] {
             assert!(missing.contains(part), "{part}: {missing}");
         }
         let number = error_of(|t| t.replace("\"base/arm_pick.ron\"", "7"));
