@@ -34,7 +34,7 @@ BRIDGE := $(VENV)/bin/sim-bridge
 # Whether there is a Python for the simulator of a Franka arm, which has no packages for older ones.
 FRANKA := $(shell $(PYTHON) -c 'import sys; print("yes" if sys.version_info[:2] == (3, 11) else "")' 2>/dev/null)
 
-.PHONY: help demo demo-planar test bench hostile crashes experiments experiments-arm robots fitted configurations soak franka-soak lint build venv venv-franka seed clean
+.PHONY: help demo demo-planar test-build test bench hostile crashes experiments experiments-arm robots fitted configurations soak franka-soak lint build venv venv-franka seed clean
 
 help:
 	@sed -n '/^# make/s/^# //p' Makefile
@@ -107,10 +107,12 @@ demo-planar: seed build
 	@echo '== report'
 	@$(BIN)/planar-sim report target/demo-planar
 
-test: export PROPTEST_RNG_SEED := $(PROPTEST_RNG_SEED)
-test: fitted $(if $(FRANKA),venv-franka)
+test-build: fitted $(if $(FRANKA),venv-franka)
 	@echo '== building programs and tests (release)'
 	$(CARGO) build --release --locked --workspace --lib --bins --tests
+
+test: export PROPTEST_RNG_SEED := $(PROPTEST_RNG_SEED)
+test: test-build
 	@echo '== Rust tests, of several processes too'
 	$(CARGO) test --release --locked --workspace
 	@echo '== Python tests'
