@@ -66,10 +66,10 @@ class Commands:
     def _measure(self) -> None:
         times = STEP_S * np.array(self.numbers, dtype=float)
         values, largest = np.array(self.positions), []
-        for _ in range(len(times) - 1):
-            values = np.diff(values, axis=0) / np.diff(times)[:, None]
-            # Differences belong to the middle, which matters where a state was lost.
-            times = 0.5 * (times[1:] + times[:-1])
+        for order in range(1, len(times)):
+            # Newton's divided differences: where a state was lost, a mean of what the steps between were.
+            spans = (times[order:] - times[:-order]) / order
+            values = np.diff(values, axis=0) / spans[:, None]
             largest.append(float(np.max(np.abs(values[-1]))))
         speed, acceleration, jerk = [*largest, 0.0, 0.0, 0.0][:3]
         self.speed = max(self.speed, speed)
