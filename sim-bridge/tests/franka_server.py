@@ -67,7 +67,7 @@ class Commands:
         times = STEP_S * np.array(self.numbers, dtype=float)
         values, largest = np.array(self.positions), []
         for order in range(1, len(times)):
-            # Newton's divided differences: where a state was lost, a mean of what the steps between were.
+            # Newton's divided differences: where a state was lost, a mean of the steps between.
             spans = (times[order:] - times[:-order]) / order
             values = np.diff(values, axis=0) / spans[:, None]
             largest.append(float(np.max(np.abs(values[-1]))))
