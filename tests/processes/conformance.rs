@@ -247,6 +247,8 @@ fn each_wrong_publisher_fails_at_its_own_line_and_a_right_one_passes() {
                     let own = line(&output, *check);
                     let its_own = own.starts_with("FAILED") && own.contains("; remedy: ");
                     assert!(its_own && failed == 1, "{wrong:?}: {}", text(&output));
+                    let order = own.contains("joints in another order");
+                    assert_eq!(order, *wrong == Wrong::OtherOrder, "{wrong:?}: {own}");
                 }
             });
         }

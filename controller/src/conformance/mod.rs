@@ -20,13 +20,17 @@ use tprmp_model::controller_config::ControllerConfig;
 use tprmp_robot::Chain;
 
 use crate::conformance::motions::{Motions, rests};
-use crate::conformance::mover::{Moment, Mover, Path as Way};
+use crate::conformance::mover::{Moment, Mover, Path as Way, amplitude};
 use crate::conformance::recording::{Received, Recording};
 use crate::conformance::states::States;
 use crate::conformance::table::{Check, Table, Verdict};
+use crate::inputs::turns::ContinuousJoints;
+use crate::timing::realtime::monotonic_ns;
 
 /// A killed controller is looked after for so long.
 const AFTER_KILL: Duration = Duration::from_millis(1500);
+/// Whether it was killed is looked for so often.
+const LOOK: Duration = Duration::from_millis(5);
 
 /// What is looked at, and how.
 #[derive(Debug)]
@@ -61,7 +65,8 @@ impl<const N: usize> Kit<'_, N> {
         };
         let name = self.instance.name();
         table.add(Check::Services, Verdict::Passed(format!("open, of instance `{name}`")));
-        let recording = Recording::take(&ports.state, Some(&ports.frames), self.duration);
+        let recording = Recording::take(&ports.state, Some(&ports.frames), self.duration)
+            .unwrapped(&ContinuousJoints::of(self.chain));
         let Recording { states, frames } = &recording;
         States { config: self.config, chain: self.chain, states }.judge(&mut table);
         scene::judge(&mut table, self.config, frames, &self.needed);
@@ -99,12 +104,7 @@ impl<const N: usize> Kit<'_, N> {
             return;
         }
         let verdict = match self.kill() {
-            Ok(trace) => {
-                let amplitude = trace.iter().fold(0.0_f64, |most, moment| {
-                    most.max((moment.position[0] - trace[0].position[0]).abs())
-                });
-                self.judge_killed(&trace, amplitude)
-            }
+            Ok([before, after]) => judge_killed(&before, &after, amplitude(self.chain, 0)),
             Err(text) => Verdict::NotTried(text),
         };
         table.add(Check::Killed, verdict);
@@ -113,22 +113,8 @@ impl<const N: usize> Kit<'_, N> {
         }
     }
 
-    fn judge_killed(&self, trace: &[Moment<N>], amplitude: f64) -> Verdict {
-        if amplitude == 0.0 {
-            return Verdict::NotTried("the arm did not move before".into());
-        }
-        // The last 1.2 s were without a controller: the end of them has to be at rest.
-        let end_ns = trace[trace.len() - 1].time_ns;
-        let after: Vec<_> = trace
-            .iter()
-            .filter(|moment| moment.time_ns + 1_000_000_000 >= end_ns)
-            .copied()
-            .collect();
-        let most = core::f64::consts::PI / 90.0;
-        rests(&after, 0, most.min(2.0 * amplitude)).map_or_else(Verdict::Failed, Verdict::Passed)
-    }
-
-    fn kill(&self) -> Result<Vec<Moment<N>>, String> {
+    /// What was measured until the controller was killed, and after that.
+    fn kill(&self) -> Result<[Vec<Moment<N>>; 2], String> {
         let said = |error: &dyn core::fmt::Display| error.to_string();
         let observer = self.instance.open_observer().map_err(|error| said(&error))?;
         let program = std::env::current_exe().map_err(|error| said(&error))?;
@@ -142,15 +128,24 @@ impl<const N: usize> Kit<'_, N> {
             .map_err(|error| said(&error))?;
         let mut states = Vec::new();
         while child.try_wait().map_err(|error| said(&error))?.is_none() {
-            let taken = Recording::take(&observer.state, None, Duration::from_millis(100));
+            let taken = Recording::take(&observer.state, None, LOOK);
             states.extend(taken.states);
         }
+        // It was killed since the last look but one.
+        let killed_ns = monotonic_ns().saturating_sub(2 * LOOK.as_nanos() as u64);
         states.extend(Recording::take(&observer.state, None, AFTER_KILL).states);
         drop(observer);
         let _ = self.instance.clean();
+        let recording = Recording { states, frames: Vec::new() };
+        let Recording { states, .. } = recording.unwrapped(&ContinuousJoints::of(self.chain));
         let moment = |state: &Received<RobotState>| Moment::of(&state.message, SVector::zeros());
-        let trace: Vec<_> = states.iter().map(moment).collect();
-        if trace.is_empty() { Err("no state came meanwhile".into()) } else { Ok(trace) }
+        let (before, after): (Vec<_>, Vec<_>) = states.iter().partition(|s| s.at_ns < killed_ns);
+        match (before.is_empty(), after.is_empty()) {
+            (false, false) => {
+                Ok([before, after].map(|part| part.into_iter().map(moment).collect()))
+            }
+            _ => Err("no state came meanwhile".into()),
+        }
     }
 
     /// Moves the first joint and is killed half way: the other process looks at what the robot does.
@@ -167,4 +162,21 @@ impl<const N: usize> Kit<'_, N> {
         }
         Ok(())
     }
+}
+
+/// Whether the arm that moved before came to rest soon after its controller was killed.
+fn judge_killed<const N: usize>(
+    before: &[Moment<N>],
+    after: &[Moment<N>],
+    amplitude: f64,
+) -> Verdict {
+    if before.iter().all(|moment| moment.position[0] == before[0].position[0]) {
+        return Verdict::NotTried("the arm did not move before".into());
+    }
+    // It was killed half way, whenever that was noticed.
+    let mut half = before[0];
+    let moved = after.last().map_or(0.0, |last| last.position[0] - half.position[0]);
+    half.position[0] += 0.5 * amplitude * moved.signum();
+    let trace: Vec<_> = core::iter::once(half).chain(after.iter().copied()).collect();
+    rests(&trace, 0, amplitude).map_or_else(Verdict::Failed, Verdict::Passed)
 }

@@ -110,6 +110,7 @@ impl<const N: usize> Motions<'_, N> {
         let text = |mover: &mut Mover<'_, N>, broken: Broken| {
             // The arm comes to rest where it is, whatever else is wrong.
             mover.watch(0.3);
+            let broken = self.likelier(mover, i, broken);
             let check = match broken {
                 Broken::Fast(..) => Check::Velocity,
                 Broken::Stale => Check::Rate,
@@ -135,6 +136,19 @@ impl<const N: usize> Motions<'_, N> {
         let back = Path { offsets: [amplitude, 0.0], ..out };
         let returned = mover.go(&back, 0.0, OUT_S + 0.3, CommandMode::Track);
         returned.map_err(|broken| text(mover, broken))
+    }
+
+    /// Where the joint that was commanded has not moved, the one that has moved in its place is what is wrong.
+    fn likelier(&self, mover: &Mover<'_, N>, i: usize, broken: Broken) -> Broken {
+        let (Broken::Astray(at, _), Some(offset)) = (broken, mover.offset()) else { return broken };
+        let fraction = |j: usize| (offset[j] / mover.amplitude(j)).abs();
+        let most = (0..N).filter(|j| *j != i).max_by(|a, b| fraction(*a).total_cmp(&fraction(*b)));
+        match most {
+            Some(j) if at == i && fraction(j) > STAYED && fraction(i) < STAYED => {
+                Broken::Astray(j, offset[j])
+            }
+            _ => broken,
+        }
     }
 
     fn astray(&self, i: usize, amplitude: f64, broken: Broken) -> String {

@@ -11,6 +11,7 @@ use tprmp_model::controller_config::ControllerConfig;
 use tprmp_robot::{Chain, JointKind};
 
 use crate::inputs::estimator::JointState;
+use crate::inputs::turns::{ContinuousJoints, add_turns};
 use crate::motion::generator::MotionGenerator;
 use crate::motion::limits::JointLimits;
 use crate::motion::profile::JointMotion;
@@ -102,6 +103,14 @@ impl Path {
     }
 }
 
+/// How far joint `i` is moved \[rad or m\], to either side.
+pub(super) fn amplitude<const N: usize>(chain: &Chain<N>, i: usize) -> f64 {
+    match chain.joint_kind(i) {
+        Some(JointKind::Prismatic) => AMPLITUDE_M,
+        _ => AMPLITUDE_RAD,
+    }
+}
+
 /// Moves the arm.
 #[derive(Debug)]
 pub(super) struct Mover<'a, const N: usize> {
@@ -113,6 +122,9 @@ pub(super) struct Mover<'a, const N: usize> {
     due_ns: u64,
     command: JointCommand,
     state: Option<(RobotState, u64)>,
+    /// Which joints rotate without an end, and by how many turns they went on beyond what is reported.
+    continuous: ContinuousJoints<N>,
+    turns: SVector<f64, N>,
     last: Option<JointMotion<N>>,
     /// Where the arm was found.
     home: Option<SVector<f64, N>>,
@@ -140,6 +152,8 @@ impl<'a, const N: usize> Mover<'a, N> {
             due_ns: monotonic_ns(),
             command: JointCommand { joint_count: N as u32, ..Default::default() },
             state: None,
+            continuous: ContinuousJoints::of(chain),
+            turns: SVector::zeros(),
             last: None,
             home: None,
             stop: Arc::clone(stop),
@@ -150,10 +164,7 @@ impl<'a, const N: usize> Mover<'a, N> {
     /// How far joint `i` is moved \[rad or m\]: towards the middle of its range.
     #[must_use]
     pub(super) fn amplitude(&self, i: usize) -> f64 {
-        let size = match self.chain.joint_kind(i) {
-            Some(JointKind::Prismatic) => AMPLITUDE_M,
-            _ => AMPLITUDE_RAD,
-        };
+        let size = amplitude(self.chain, i);
         let [lower, upper] = &self.motion.limits().position_end;
         let at = self.home.map_or(0.0, |home| home[i]);
         if at > 0.5 * (lower[i] + upper[i]) { -size } else { size }
@@ -184,9 +195,16 @@ impl<'a, const N: usize> Mover<'a, N> {
         let _ = self.ports.update_connections();
         for _ in 0..STATE_BUFFER {
             let Some(sample) = self.ports.state.receive() else { break };
+            let mut state = *sample;
+            let reported = SVector::from_column_slice(&state.position[..N]);
+            let before = self.measured().map_or(reported, |before| before.position);
+            self.turns = self.continuous.since(&before, &reported);
+            for i in 0..N {
+                state.position[i] = add_turns(reported[i], self.turns[i]);
+            }
             let commanded = SVector::from_column_slice(&self.command.torque[..N]);
-            self.trace.push(Moment::of(&sample, commanded));
-            self.state = Some((*sample, monotonic_ns()));
+            self.trace.push(Moment::of(&state, commanded));
+            self.state = Some((state, monotonic_ns()));
         }
     }
 
@@ -197,7 +215,12 @@ impl<'a, const N: usize> Mover<'a, N> {
         command.state_sequence = self.state.map_or(0, |(state, _)| state.sequence);
         (command.time_ns, command.expiry_ns) = (now_ns, now_ns + self.lifetime_ns);
         (command.mode, command.reason) = (mode.to_wire(), reason.to_wire());
-        let _ = self.ports.command.publish(self.command);
+        // In the turn in which the robot counts.
+        let mut command = *command;
+        for i in 0..N {
+            command.position[i] = add_turns(command.position[i], -self.turns[i]);
+        }
+        let _ = self.ports.command.publish(command);
     }
 
     fn set(&mut self, setpoint: &crate::motion::generator::Setpoint<N>) {

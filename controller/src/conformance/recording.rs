@@ -2,8 +2,10 @@
 
 use std::time::{Duration, Instant};
 
+use nalgebra::SVector;
 use tprmp_messages::{FRAME_SOURCES_MAX, RobotState, Subscriber, TaskFrames};
 
+use crate::inputs::turns::{ContinuousJoints, add_turns};
 use crate::timing::realtime::monotonic_ns;
 
 /// How long a first state is waited for.
@@ -30,6 +32,21 @@ pub(super) struct Recording {
 }
 
 impl Recording {
+    /// Lets joints that rotate without an end go on where their report leaps by whole turns.
+    pub(super) fn unwrapped<const N: usize>(mut self, continuous: &ContinuousJoints<N>) -> Self {
+        let list = |state: &RobotState| SVector::from_column_slice(&state.position[..N]);
+        let mut last: Option<SVector<f64, N>> = None;
+        for Received { message, .. } in &mut self.states {
+            let reported = list(message);
+            let turns = continuous.since(&last.unwrap_or(reported), &reported);
+            for i in 0..N {
+                message.position[i] = add_turns(reported[i], turns[i]);
+            }
+            last = Some(list(message));
+        }
+        self
+    }
+
     /// Records for so long once a first state has come.
     pub(super) fn take(
         state: &Subscriber<RobotState>,

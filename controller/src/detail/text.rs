@@ -124,10 +124,11 @@ fn message_text(snapshot: &Snapshot) -> Option<String> {
         ),
         About::Clock => clock(seen, one, other),
         About::Age => format!(
-            "the newest is {:.1} ms old, at most {:.1} ms is permitted: likely the publisher has stopped, or \
-             was held up",
+            "the newest is {:.1} ms old, at most {:.1} ms is permitted: likely the publisher has stopped, \
+             was held up, or publishes fewer than {:.0} states a second",
             1e-6 * seen,
-            1e-6 * one
+            1e-6 * one,
+            (1e9 / one).ceil()
         ),
         About::Lost => format!("{seen} states are missing in a row, at most {one} may be"),
         About::Unanswered => format!(
