@@ -7,9 +7,9 @@ use tprmp_messages::{
     ControllerPorts, FRAME_CAPACITY, Instance, NAME_CAPACITY, Reason, ServiceError, name_bytes,
 };
 use tprmp_model::controller_config::{
-    self, ConfigError, ControlPoint, ControllerConfig, Robot, StartFrame, Supervision,
+    self, ConfigError, ControlPoint, ControllerConfig, Moves, Robot, StartFrame, Supervision,
 };
-use tprmp_model::skill_model::{self, ModelError, SkillModel};
+use tprmp_model::skill_model::{self, Manifold, ModelError, SkillModel};
 use tprmp_rmpflow::policy::SkillPolicy;
 use tprmp_robot::{
     CONTROL_POINT_CAPACITY, Chain, ControlPointError, ControlPoints, Document, UrdfError,
@@ -111,6 +111,8 @@ pub struct LoadedSkill {
     pub model: SkillModel,
     /// The policies of its modes, the first one's first.
     pub modes: Vec<SkillPolicy>,
+    /// What they move of the tool.
+    pub manifold: Manifold,
 }
 
 impl LoadedSkill {
@@ -197,8 +199,12 @@ pub fn load_skills(
         let found = format!("it {} times", model_paths.len());
         return Err(StartError::key(config_path, "additional_skills", expected, found));
     }
-    let load = |path: &_| load_skill(config_path, &config, AsRef::as_ref(path), allow_uncertified);
-    let skills: Vec<_> = model_paths.iter().map(load).collect::<Result<_, _>>()?;
+    let leaves = core::iter::once(&config.skill).chain(&config.additional_skills);
+    let skills: Vec<_> = (model_paths.iter().zip(leaves))
+        .map(|(path, leaf)| {
+            load_skill(config_path, &config, leaf.moves, path.as_ref(), allow_uncertified)
+        })
+        .collect::<Result<_, _>>()?;
     let frames: usize = skills.iter().map(LoadedSkill::frame_count).sum();
     if frames > FRAME_CAPACITY {
         let expected = format!("models of at most {FRAME_CAPACITY} frames together");
@@ -218,8 +224,7 @@ pub fn load_skills(
         }
     }
     let joints = config.robot.joints.len();
-    let dimension =
-        skills.iter().map(|skill| skill.model.manifold.moved().len()).max().unwrap_or(0);
+    let dimension = skills.iter().map(|skill| skill.manifold.moved().len()).max().unwrap_or(0);
     if dimension < joints && config.joint_damping.inertia <= 0.0 {
         let expected = format!(
             "a number above zero, since the robot has {joints} joints and the skill decides about only \
@@ -234,6 +239,7 @@ pub fn load_skills(
 fn load_skill(
     config_path: &Path,
     config: &ControllerConfig,
+    moves: Moves,
     model_path: &Path,
     allow_uncertified: bool,
 ) -> Result<LoadedSkill, StartError> {
@@ -273,9 +279,20 @@ fn load_skill(
             mismatch("policy", format!("a policy where {error}"), "a loop that evaluates it".into())
         })?;
         skill_model::verify(mode, &policy, model_path)?;
-        modes.push(policy);
+        modes.push(match moves {
+            Moves::Whole => policy,
+            Moves::Position => policy.position_only().ok_or_else(|| {
+                let found = format!("a skill on {}", model.manifold);
+                let expected = "Whole: `skill.moves: Position` is for canonical skills on R3xS3";
+                mismatch("manifold", found, expected.into())
+            })?,
+        });
     }
-    Ok(LoadedSkill { path: model_path.into(), model, modes })
+    let manifold = match moves {
+        Moves::Whole => model.manifold,
+        Moves::Position => Manifold::R3,
+    };
+    Ok(LoadedSkill { path: model_path.into(), model, modes, manifold })
 }
 
 /// The robot of a configuration.
@@ -475,14 +492,19 @@ pub fn check_freedom<const N: usize>(
     loaded: &Loaded,
 ) -> Result<(), StartError> {
     let freedom = Freedom::of(chain, &working_range(chain, &loaded.config.robot));
-    let beyond = |skill: &&LoadedSkill| !freedom.can_do(skill.model.manifold);
+    let beyond = |skill: &&LoadedSkill| !freedom.can_do(skill.manifold);
     let Some(skill) = loaded.skills.iter().find(beyond) else { return Ok(()) };
     Err(StartError::Mismatch {
         model: skill.path.clone(),
         key: "manifold",
-        found: skill.model.manifold.to_string(),
+        found: skill.manifold.to_string(),
         config: config_path.into(),
-        expected: format!("an arm that cannot do it: {freedom}"),
+        expected: match skill.manifold {
+            Manifold::R3S3 if freedom.can_do(Manifold::R3) => format!(
+                "an arm that cannot do it: {freedom}; `skill.moves: Position` leaves the orientation to the arm"
+            ),
+            _ => format!("an arm that cannot do it: {freedom}"),
+        },
     })
 }
 

@@ -2,12 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use nalgebra::SVector;
 use tprmp_controller::policy::{RobotPolicy, Task, TaskParameters, Workspace};
-use tprmp_controller::startup;
-use tprmp_model::controller_config::ControllerConfig;
+use tprmp_controller::startup::{self, Loaded};
+use tprmp_model::controller_config::{ControllerConfig, Moves, ToolOffset};
 use tprmp_rmpflow::leaves::PoseAttractor;
+use tprmp_robot::{Chain, ControlPoints};
 use tprmp_spatial::{MovingPose, Pose};
 
 const N: usize = 2;
@@ -148,4 +149,60 @@ fn models_are_as_many_as_leaves_for_them() {
         let found = format!("found it {} times", models.len());
         assert!(error.contains("additional_skills") && error.contains(&found), "{error}");
     }
+}
+
+/// A SCARA, which cannot tilt its tool, with a skill on poses.
+fn scara(moves: Moves) -> (PathBuf, Loaded, Chain<4>, ControlPoints) {
+    let path = file("config/controllers/scara.ron");
+    let model = file("learner/tests/golden/canonical_poses.ron");
+    let edit = |config: &mut ControllerConfig| {
+        config.skill.moves = moves;
+        config.robot.tool_offset = Some(ToolOffset {
+            frame: "suction_tip".into(),
+            position_m: [0.0; 3],
+            quaternion_wxyz: [1.0, 0.0, 0.0, 0.0],
+        });
+        config.keep_upright = None;
+    };
+    let loaded = startup::load_with(&path, edit, &[model], true).unwrap();
+    let (chain, points) = startup::robot::<4>(&path, &loaded.config).unwrap();
+    (path, loaded, chain, points)
+}
+
+#[test]
+fn an_arm_that_cannot_turn_its_tool_does_the_position_of_a_skill_on_poses() {
+    let (path, loaded, chain, _) = scara(Moves::Whole);
+    let refused = startup::check_freedom(&path, &chain, &loaded).unwrap_err().to_string();
+    assert!(refused.contains("`skill.moves: Position`"), "{refused}");
+
+    let (path, loaded, chain, points) = scara(Moves::Position);
+    startup::check_freedom(&path, &chain, &loaded).unwrap();
+    let policy = RobotPolicy::new(chain, loaded.policies(), &points, &loaded.config);
+    assert_eq!(policy.moved().as_slice(), [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]);
+    let mut workspace = policy.workspace();
+    let (mut q, mut qd) = (SVector::from([0.5, 1.0, -0.1, 0.3]), SVector::<f64, 4>::zeros());
+    let start = policy.tool_pose(&q, &mut workspace);
+    let there = SVector::from([-0.3, 1.3, -0.05, 0.0]);
+    let goal = Pose {
+        // However the goal is tilted.
+        orientation: DQuat::from_rotation_x(0.4),
+        ..policy.tool_pose(&there, &mut workspace)
+    };
+    let frames = [start, goal].map(MovingPose::at_rest);
+    let parameters = TaskParameters {
+        frames: &frames,
+        goal_frame: 1,
+        obstacles: &[],
+        external: None,
+        dt_s: 0.002,
+    };
+    let mut last = f64::INFINITY;
+    for _ in 0..5000 {
+        let decision = policy.evaluate(&q, &qd, &Task::Skill, &parameters, &mut workspace).unwrap();
+        workspace.advance(&decision.acceleration, 0.002);
+        qd += decision.acceleration * 0.002;
+        q += qd * 0.002;
+        last = policy.tool_pose(&q, &mut workspace).position.distance(decision.goal.position);
+    }
+    assert!(last < 1e-3, "{last} m from its goal");
 }

@@ -40,6 +40,13 @@ pub fn check(config_path: &Path, model_paths: &[PathBuf]) -> Result<(), StartErr
         startup::with_robot_of(config_path, &config, &document, fits)??;
         for (path, skill) in model_paths.iter().zip(&loaded.skills) {
             describe_model(path, &skill.model);
+            if skill.manifold != skill.model.manifold {
+                let text = format!(
+                    "moves {} of it (`skill.moves`): the arm and other leaves decide about the rest",
+                    skill.manifold
+                );
+                line("ok", "moves", &text);
+            }
         }
     }
     check_machine(&config);
@@ -163,7 +170,7 @@ impl WithRobot for Fits<'_> {
         let (chain, _) = startup::robot_of::<N>(config_path, &loaded.config, document)?;
         startup::check_freedom(config_path, &chain, loaded)?;
         let range = working_range(&chain, &loaded.config.robot);
-        let leaves_tilt = |skill: &&LoadedSkill| skill.model.manifold == Manifold::R3S1;
+        let leaves_tilt = |skill: &&LoadedSkill| skill.manifold == Manifold::R3S1;
         let tilts = Freedom::of(&chain, &range).rank(&[3, 4]) > 0;
         if tilts
             && loaded.config.keep_upright.is_none()
@@ -190,6 +197,9 @@ impl WithRobot for Fits<'_> {
 /// What is wrong where a skill comes to its goal along another axis of the tool than the arm's tool points along, and
 /// the offset with which it would.
 fn approach_fault(skill: &LoadedSkill, own: DVec3, offset: Option<&ToolOffset>) -> Option<String> {
+    if skill.manifold != skill.model.manifold {
+        return None;
+    }
     let taught = skill.model.motion.is_discrete().then(|| skill.model.approach_axis())??;
     let taught = tool_axis::snapped(taught);
     let angle = taught.angle_between(own).to_degrees();

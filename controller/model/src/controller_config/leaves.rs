@@ -171,10 +171,21 @@ impl PostureLeaf {
     }
 }
 
+/// What a skill moves of what it was learned for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub enum Moves {
+    /// All of it.
+    Whole,
+    /// The position of a skill on poses: its orientation is left to the arm and to other leaves.
+    Position,
+}
+
 /// The weight of a skill against other leaves, and its speed.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SkillLeaf {
+    /// What it moves of the tool's pose.
+    pub moves: Moves,
     /// Inertia of the position at the goal \[kg\].
     pub linear_inertia_kg: f64,
     /// Inertia of the orientation at the goal \[kg m²\].

@@ -24,8 +24,8 @@ pub use config::{
 pub use drives::{Actuators, Disturbance, Impedance, JointDrives, Load, Servo};
 pub use error::{ConfigError, Fault, Problem};
 pub use leaves::{
-    Collision, ExemptObstacle, Exemption, Extent, External, Lift, PostureLeaf, SelfCollision,
-    SkillLeaf,
+    Collision, ExemptObstacle, Exemption, Extent, External, Lift, Moves, PostureLeaf,
+    SelfCollision, SkillLeaf,
 };
 pub use payload::{Gripped, Payload, Sphere};
 pub use read::{read, read_with};

@@ -238,7 +238,7 @@ mod tests {
             ("margin_m: 0.0,", "margin_m: -0.005,", "self_collision.margin_m"),
             (
                 "additional_skills: []",
-                "additional_skills: [(linear_inertia_kg: 1.0, angular_inertia_kg_m2: 0.0, governor: \
+                "additional_skills: [(moves: Whole, linear_inertia_kg: 1.0, angular_inertia_kg_m2: 0.0, governor: \
                  (linear_max_m_s: 1.0, angular_max_rad_s: 1.0, response_1_s: 8.0))]",
                 "additional_skills[0].angular_inertia_kg_m2",
             ),

@@ -136,6 +136,16 @@ impl SkillPolicy {
         }
     }
 
+    /// The policy of its position alone, which leaves the orientation to others: its blocks have the phase in common
+    /// only. `None` where it moves no whole pose, or in one piece (MATHEMATICS 6).
+    #[must_use]
+    pub fn position_only(&self) -> Option<Self> {
+        match self {
+            Self::Canonical(skill) => skill.position_only().map(Self::Canonical),
+            _ => None,
+        }
+    }
+
     /// Evaluates the policy for a moving pose  [thesis algorithm 4.1].
     ///
     /// * `frames`  in the order of the policy's frames, at least [`SkillPolicy::frame_count`] of them

@@ -235,6 +235,18 @@ impl CanonicalPolicy {
         value
     }
 
+    /// The policy without its orientation; `None` where it moves less than whole poses.
+    #[must_use]
+    pub fn position_only(&self) -> Option<Self> {
+        if self.orientation.is_none() || self.restriction.is_some() {
+            return None;
+        }
+        let cycle = self
+            .cycle
+            .map(|Cycle { fall_per_round: [fall, _] }| Cycle { fall_per_round: [fall, 0.0] });
+        Some(Self { orientation: None, cycle, ..self.clone() })
+    }
+
     /// By how much the potential falls in a round \[J\]; 0 for a skill that does not go round.
     #[must_use]
     pub fn fall_per_round(&self, inertia: &SkillInertia) -> f64 {
