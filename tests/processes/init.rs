@@ -234,3 +234,114 @@ fn what_is_no_arm_is_refused_by_name() {
         assert!(!std::path::Path::new(&out).exists(), "nothing is written: {said}");
     }
 }
+
+#[test]
+fn what_is_wrong_with_a_file_is_told_and_nothing_is_written() {
+    let place = Place::new("init-faults");
+    let elbow =
+        r#"lower="-3.14159265359" upper="3.14159265359" velocity="3.14159265359" effort="150""#;
+    let twice = r#"<joint name="again" type="fixed"><parent link="base"/><child link="forearm_link"/></joint></robot>"#;
+    let joints = "shoulder_pan_joint, shoulder_lift_joint, elbow_joint, wrist_1_joint, wrist_2_joint, wrist_3_joint";
+    let xrdf = |joints: &str, more: &str| {
+        format!("format: xrdf\nformat_version: 1.0\ncspace: {{joint_names: [{joints}]}}\n{more}\n")
+    };
+    let srdf = |at: &str| {
+        format!(
+            r#"<robot name="ur5"><group_state name="home" group="arm"><joint name="elbow_joint" value="{at}"/></group_state></robot>"#
+        )
+    };
+    let of_urdf = |from: &str, to: &str| ("--force", "", (from.to_owned(), to.to_owned()));
+    let none = || ("<robot".to_owned(), "<robot".to_owned());
+    let cases = [
+        (of_urdf(elbow, &elbow.replace("lower=\"-", "lower=\"")), "lower < upper"),
+        (of_urdf(elbow, &elbow.replace("lower=\"-3.14159265359", "lower=\"nan")), "finite number"),
+        (of_urdf(elbow, &elbow.replace("velocity=\"", "velocity=\"-")), "positive number of rad/s"),
+        (of_urdf(elbow, &elbow.replace("-3.14159265359", "3.1415")), "`elbow_joint` can move by"),
+        (of_urdf("</robot>", twice), "`forearm_link` is the child of two joints"),
+        (("--xrdf", &*xrdf(&joints.replace("wrist_3", "wrist_4"), ""), none()), "`wrist_4_joint`"),
+        (("--xrdf", &*xrdf(joints, "modifiers: [set_base_frame: foot]"), none()), "found `foot`"),
+        (
+            ("--xrdf", &*xrdf(joints, "default_joint_positions: {elbow_joint: .inf}"), none()),
+            "finite number",
+        ),
+        (("--srdf", &*srdf("nan"), none()), "`home`, joint `elbow_joint`"),
+        (
+            (
+                "--srdf",
+                "<robot><group name=\"a\"><chain base_link=\"b\" tip_link=\"hand\"/></group></robot>",
+                none(),
+            ),
+            "found `hand`",
+        ),
+    ];
+    let (other, out) = (place.path("other"), place.path("out"));
+    for ((option, content, (from, to)), expected) in cases {
+        std::fs::write(&other, content).unwrap();
+        let urdf = edited(&place, &[(from.as_str(), to.as_str())]);
+        let mut arguments = vec![urdf.as_str(), "--out", &out, option];
+        arguments.extend((!content.is_empty()).then_some(other.as_str()));
+        let output = init(&arguments);
+        let said = text(&output);
+        assert_eq!(output.status.code(), Some(1), "{expected}: {said}");
+        assert!(said.contains(expected), "{expected}: {said}");
+        let left = std::fs::read_dir(&out).map_or(0, Iterator::count);
+        assert_eq!(left, 0, "nothing is written: {said}");
+    }
+}
+
+#[test]
+fn where_the_arm_is_mounted_and_what_stands_beside_it_is_seen() {
+    let place = Place::new("init-mounted");
+    let body = r#"<link name="torso"><collision><geometry><box size="0.3 0.3 1"/></geometry></collision></link>
+        <joint name="hangs" type="fixed"><origin xyz="0.2 0 1" rpy="3.141592653589793 0 0"/>
+        <parent link="torso"/><child link="base"/></joint></robot>"#;
+    let payload = "payload: Some((mass_kg: 60.0, centre_m: (0.0, 0.0, 0.05)))";
+    let urdf = edited(&place, &[("</robot>", body)]);
+    let out = place.path("out");
+    let made = init(&[&urdf, "--base", "base", "--out", &out]);
+    let said = text(&made);
+    assert!(made.status.success(), "{said}");
+    assert!(said.contains("look  1 links have shapes and do not move with the arm"), "{said}");
+    assert!(said.contains("`torso`") && said.contains("mounted turned"), "{said}");
+    let config = format!("{out}/arm.ron");
+    let written = read(&config);
+    assert!(written.contains("gravity_m_s2: (0.0, 0.0, 9.81)"), "{written}");
+    assert!(!written.contains("obstacle: HalfSpace"), "there is no ground");
+    std::fs::write(&config, written.replace("payload: None", payload)).unwrap();
+    let checked = text(&run(program("controller").args(["check", &config])));
+    assert!(
+        checked.contains("warn  robot            joint `elbow_joint`: to hold the arm"),
+        "{checked}"
+    );
+}
+
+#[test]
+fn a_tool_that_points_elsewhere_is_told_with_the_transform_that_is_missing() {
+    let place = Place::new("init-axis");
+    let model = place.path("pick.ron");
+    let skill = file("config/skills/pick.ron");
+    let trained = run(program("learner").args(["train", &skill, "--out", &model]));
+    assert!(trained.status.success(), "{}", text(&trained));
+    let layer = |name: &str, offset: &str| {
+        let path = place.path(name);
+        let base = file("config/controllers/ur5_pick.ron");
+        let text = read(&base)
+            .replace("\"base/", &format!("\"{}/", file("config/controllers/base")))
+            .replace("robot: (", &format!("robot: (tool_offset: {offset},"));
+        std::fs::write(&path, text).unwrap();
+        text_of_check(&path, &model)
+    };
+    let turned = r#"Some((frame: "suction_tip", position_m: (0.0, 0.0, 0.01), quaternion_wxyz: (0.7071068, 0.7071068, 0.0, 0.0)))"#;
+    let said = layer("turned.ron", turned);
+    assert!(said.contains("a fixed transform is missing"), "{said}");
+    let (_, rest) = said.split_once("`robot.tool_offset: ").unwrap();
+    let (proposed, _) = rest.split_once('`').unwrap();
+    let mended = layer("mended.ron", proposed);
+    assert!(!mended.contains("a fixed transform is missing"), "{mended}");
+}
+
+fn text_of_check(config: &str, model: &str) -> String {
+    let checked = run(program("controller").args(["check", config, "--model", model]));
+    assert!(checked.status.success(), "{}", text(&checked));
+    text(&checked)
+}

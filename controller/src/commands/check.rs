@@ -4,10 +4,13 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
+use nalgebra::SVector;
 use tprmp_messages::free_shared_memory_bytes;
 use tprmp_model::controller_config::{self, Capability, ControllerConfig, RealTime, ToolOffset};
 use tprmp_model::skill_model::{FrameMixture, Manifold, PolicyModel, SkillModel};
-use tprmp_robot::{Chain, ControlPoints, Document, Ignored, SelfPairs, remarks};
+use tprmp_robot::{
+    Chain, ControlPoints, Document, Ignored, SelfPairs, gravity_torques, remarks, spread_posture,
+};
 use tprmp_spatial::Pose;
 
 use crate::freedom::Freedom;
@@ -143,6 +146,18 @@ impl WithRobot for Describe<'_> {
         line("ok", "robot", &text);
         let range = working_range(&chain, &self.config.robot);
         line("ok", "tool", &Freedom::of(&chain, &range).to_string());
+        if let Some(payload) = &self.config.robot.payload {
+            line("ok", "payload", &format!("{} kg at {:?} m", payload.mass_kg, payload.centre_m));
+        }
+        for (i, needed) in too_heavy(&chain, &range, self.config) {
+            let text = format!(
+                "joint `{}`: to hold the arm and what it carries takes {needed:.0} N m or N in some posture, its effort \
+                 limit is {}",
+                chain.joint_names()[i],
+                chain.effort_max()[i]
+            );
+            line("warn", "robot", &text);
+        }
         if self.config.collision.is_none() && self.config.self_collision.is_none() {
             let text = "nothing is kept clear: `collision` and `self_collision` are None";
             line("warn", "control points", text);
@@ -154,6 +169,22 @@ impl WithRobot for Describe<'_> {
         }
         Ok(())
     }
+}
+
+/// Joints whose effort limit does not hold the arm with its payload in one of 200 postures within this range, and
+/// what that takes at most \[N m or N\].
+fn too_heavy<const N: usize>(
+    chain: &Chain<N>,
+    [lower, upper]: &[SVector<f64, N>; 2],
+    config: &ControllerConfig,
+) -> Vec<(usize, f64)> {
+    let mut most = SVector::<f64, N>::zeros();
+    for k in 1..=200 {
+        let q = spread_posture(lower, upper, k);
+        let gravity = gravity_torques(chain, &q, config.robot.gravity_m_s2.into());
+        most = most.sup(&gravity.abs());
+    }
+    (0..N).map(|i| (i, most[i])).filter(|(i, needed)| *needed > chain.effort_max()[*i]).collect()
 }
 
 struct Fits<'a> {

@@ -35,6 +35,8 @@ pub(super) struct Asked<'a> {
     pub base: Option<&'a str>,
     /// Link that is the tool.
     pub tool: Option<&'a str>,
+    /// Who asks for the tool.
+    pub why: &'a str,
     /// Link that a model was learned for: the tool where the description has it.
     pub model_tool: Option<&'a str>,
 }
@@ -53,10 +55,12 @@ pub(super) fn find(
     notes: &mut Vec<Note>,
 ) -> Result<Arm, String> {
     let tree = Tree { document };
+    tree.check()?;
     for (option, name) in [("--tool", asked.tool), ("--base", asked.base)] {
         if let Some(name) = name.filter(|name| !tree.has(name)) {
             let links = document.links.iter().map(|link| format!("`{}`", link.name));
             let links = links.collect::<Vec<_>>().join(", ");
+            let links = tprmp_files::shortened(&links);
             return Err(format!("{option}: expected one of its links {links}, found `{name}`"));
         }
     }
@@ -77,7 +81,7 @@ pub(super) fn find(
         return Err(format!("nothing moves between `{base}` and `{tool}`"));
     }
     let why = if asked.tool.is_some() {
-        "asked for"
+        asked.why
     } else if known.is_some() {
         "the tool that the model was learned for"
     } else {
@@ -86,11 +90,6 @@ pub(super) fn find(
     notes.push(Note::found(format!("tool `{tool}`: {why}")));
     let base_link = (base != root).then(|| base.clone());
     let held_joints = tree.beside(&base, &joints);
-    if !held_joints.is_empty() {
-        let names: Vec<_> =
-            held_joints.iter().map(|(name, at)| format!("`{name}` at {at}")).collect();
-        notes.push(Note::found(format!("held beside the arm: {}", names.join(", "))));
-    }
     Ok(Arm { base_link, tool_link: tool, joints, held_joints })
 }
 
@@ -101,6 +100,19 @@ struct Tree<'a> {
 impl<'a> Tree<'a> {
     fn has(&self, link: &str) -> bool {
         self.document.links.iter().any(|other| other.name == link)
+    }
+
+    /// That no link has two parents: it would be gone through twice.
+    fn check(&self) -> Result<(), String> {
+        let mut above = BTreeMap::new();
+        for Joint { name, child, .. } in &self.document.joints {
+            if let Some(other) = above.insert(child, name) {
+                return Err(format!(
+                    "link `{child}` is the child of two joints, `{other}` and `{name}`: a URDF is a tree"
+                ));
+            }
+        }
+        Ok(())
     }
 
     fn parent(&self, link: &str) -> Option<&'a Joint> {
@@ -161,10 +173,11 @@ impl<'a> Tree<'a> {
         self.children(link).iter().map(below).max().unwrap_or(0)
     }
 
-    fn is_gripper(joint: &Joint) -> bool {
-        let has = |name: &str, word: &str| name.to_lowercase().contains(word);
-        let named =
-            GRIPPER_WORDS.iter().any(|word| has(&joint.name, word) || has(&joint.child, word));
+    /// Whether a joint is a gripper's: it mimics another, or is named so; or its link is and nothing moves on that.
+    fn is_gripper(&self, joint: &Joint) -> bool {
+        let has = |name: &str| GRIPPER_WORDS.iter().any(|word| name.to_lowercase().contains(word));
+        let carries_fingers = || self.depth(&joint.child, self.document.links.len()) > 0;
+        let named = has(&joint.name) || (has(&joint.child) && !carries_fingers());
         joint.is_movable() && (named || joint.mimic.is_some())
     }
 
@@ -181,7 +194,7 @@ impl<'a> Tree<'a> {
                 moving.iter().filter(|joint| depth(joint) > FINGER_JOINTS_MAX).collect();
             let next = match (&arms[..], &moving[..]) {
                 ([arm], _) => **arm,
-                ([], [only]) if !Self::is_gripper(only) => *only,
+                ([], [only]) if !self.is_gripper(only) => *only,
                 ([], _) => break,
                 _ => {
                     let names: Vec<_> =
@@ -193,7 +206,7 @@ impl<'a> Tree<'a> {
                     ));
                 }
             };
-            if Self::is_gripper(next) && moved {
+            if self.is_gripper(next) && moved {
                 break;
             }
             moved |= next.is_movable();

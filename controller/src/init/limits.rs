@@ -4,9 +4,10 @@
 use std::collections::BTreeMap;
 
 use nalgebra::SVector;
-use tprmp_robot::document::{Joint, JointType};
+use tprmp_robot::document::JointType;
 use tprmp_robot::{
-    Chain, Document, Interface, LimitOverride, gravity_torques, mass_matrix, spread_posture,
+    Chain, Document, Interface, LimitOverride, Selection, UrdfErrorKind, gravity_torques,
+    mass_matrix, spread_posture,
 };
 
 use crate::init::notes::Note;
@@ -29,40 +30,40 @@ const ACCELERATIONS: [f64; 2] = [0.5, 25.0];
 /// The full acceleration is there within this \[s\], the full torque within half of it.
 const JERK_TIME_S: f64 = 0.01;
 
-/// Limits in place of those that the URDF does not have.
+/// Limits in place of those that the URDF does not have; what is wrong with those that it has is for the reader to say.
 pub(super) fn missing(
     document: &Document,
-    joints: &[String],
+    selection: &Selection,
     notes: &mut Vec<Note>,
 ) -> BTreeMap<String, LimitOverride> {
     let mut found = BTreeMap::new();
-    for joint in document.joints.iter().filter(|joint| joints.contains(&joint.name)) {
-        let slides = usize::from(joint.joint_type == JointType::Prismatic);
-        let mut limit = LimitOverride::default();
-        if !joint.limit.velocity.is_some_and(|speed| speed > 0.0 && speed.is_finite()) {
-            limit.velocity = Some(SPEEDS[slides]);
-        }
-        if joint.joint_type != JointType::Continuous && !has_range(joint) {
-            limit.position = Some([-RANGES[slides], RANGES[slides]]);
-        }
+    let Err(error) = document.count_joints(selection) else { return found };
+    let lacking = error.faults.iter().filter_map(|fault| match &fault.kind {
+        UrdfErrorKind::NoLimits { joints } => Some(joints),
+        _ => None,
+    });
+    for lacks in lacking.flatten() {
+        let joint = document.joints.iter().find(|joint| joint.name == lacks.joint);
+        let slides = usize::from(joint.is_some_and(|j| j.joint_type == JointType::Prismatic));
+        let limit = LimitOverride {
+            position: lacks.position.then_some([-RANGES[slides], RANGES[slides]]),
+            velocity: lacks.velocity.then_some(SPEEDS[slides]),
+            effort: None,
+        };
         if limit != LimitOverride::default() {
             notes.push(Note::lack(format!(
                 "joint `{}`: a default in place of {}, which the URDF does not have: see its data sheet",
-                joint.name,
+                lacks.joint,
                 match (limit.velocity, limit.position) {
                     (Some(_), Some(_)) => "limits of position and speed",
                     (Some(_), None) => "a speed limit",
                     _ => "position limits",
                 }
             )));
-            found.insert(joint.name.clone(), limit);
+            found.insert(lacks.joint.clone(), limit);
         }
     }
     found
-}
-
-fn has_range(joint: &Joint) -> bool {
-    matches!((joint.limit.lower, joint.limit.upper), (Some(lower), Some(upper)) if lower < upper)
 }
 
 /// What the joints' limits follow from.

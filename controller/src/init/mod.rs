@@ -6,12 +6,15 @@
 
 mod arm;
 mod limits;
+mod mount;
 mod notes;
 mod pairs;
 mod posture;
 mod semantic;
+mod srdf;
 mod text;
 mod write;
+mod xrdf;
 
 use std::path::PathBuf;
 
@@ -20,14 +23,16 @@ use thiserror::Error;
 use tprmp_cover::{Cover, CoverError, Packages, cover_document};
 use tprmp_files::{Existing, WriteError};
 use tprmp_model::controller_config::{self, ConfigError};
-use tprmp_model::skill_model::{self, ModelError, SkillModel};
+use tprmp_model::skill_model::{self, Manifold, ModelError, SkillModel};
 use tprmp_robot::{
     Chain, ControlPoints, Document, Interface, Selection, SelfPairs, UrdfError, spread_posture,
 };
 
+use crate::freedom::Freedom;
 use crate::startup::{self, StartError, WithRobot};
 use crate::tool_axis;
 use arm::{Arm, Asked};
+use mount::Mount;
 pub use notes::{Note, NoteKind};
 use posture::Criteria;
 pub use semantic::SemanticError;
@@ -137,6 +142,7 @@ struct Plan<'a> {
     model: Option<&'a SkillModel>,
     semantic: semantic::Semantic,
     arm: Arm,
+    mount: Mount,
     selection: Selection,
     notes: Vec<Note>,
 }
@@ -144,6 +150,7 @@ struct Plan<'a> {
 /// What was chosen for an arm of N joints, in the form in which it is written.
 struct Chosen {
     home: Vec<f64>,
+    home_reason: String,
     working_range: Vec<Option<[f64; 2]>>,
     rates: limits::Rates,
     position_margin: f64,
@@ -154,6 +161,8 @@ struct Chosen {
     harmless: Vec<pairs::Harmless>,
     known: limits::Known,
     tool_axis: glam::DVec3,
+    /// The skill leaves the tilt of the tool alone, and the arm can change it.
+    tilts_freely: bool,
     on_tool: Vec<String>,
 }
 
@@ -176,21 +185,28 @@ fn self_activation_m(cover: Option<&Cover>) -> f64 {
 pub fn init(options: &Options) -> Result<Initialised, InitError> {
     let document = Document::read(&options.urdf)?;
     let model = options.model.as_deref().map(skill_model::read).transpose()?;
-    let semantic = semantic::read(options.xrdf.as_deref(), options.srdf.as_deref())?;
+    let mut semantic = semantic::read(options.xrdf.as_deref(), options.srdf.as_deref())?;
     let mut notes = Vec::new();
+    semantic.check(&document, options.xrdf.as_deref().or(options.srdf.as_deref()), &mut notes)?;
     let asked = Asked {
         base: options.base.as_deref().or(semantic.base.as_deref()),
         tool: options.tool.as_deref().or(semantic.tool.as_deref()),
+        why: if options.tool.is_some() { "asked for" } else { "of the XRDF or SRDF" },
         model_tool: model.as_ref().map(|model| model.tool_frame.as_str()),
     };
     let wrong = |text| InitError::Arm { urdf: options.urdf.clone(), text };
     let mut arm = arm::find(&document, asked, &mut notes).map_err(wrong)?;
     semantic.hold(&mut arm);
-    let selection = Selection {
+    if !arm.held_joints.is_empty() {
+        let at = arm.held_joints.iter().map(|(name, at)| format!("`{name}` at {at}"));
+        let list = at.collect::<Vec<_>>().join(", ");
+        notes.push(Note::found(format!("held beside the arm: {list}")));
+    }
+    note_body(&document, &arm, &mut notes);
+    let mut selection = Selection {
         base_link: arm.base_link.clone(),
         tool_link: arm.tool_link.clone(),
         held_joints: arm.held_joints.clone(),
-        limits: limits::missing(&document, &arm.joints, &mut notes),
         interface: match options.commands {
             Commands::Torque => Interface::Effort,
             Commands::Position | Commands::Velocity => Interface::Motion,
@@ -198,13 +214,19 @@ pub fn init(options: &Options) -> Result<Initialised, InitError> {
         ignores_shapes: true,
         ..Selection::default()
     };
+    selection.limits = limits::missing(&document, &selection, &mut notes);
     let count = document.count_joints(&selection)?;
+    let mount = Mount::of(&document, arm.base_link.as_deref());
+    if mount.is_turned() {
+        notes.push(Note::found("the base is mounted turned: gravity is turned with it".into()));
+    }
     let plan = Plan {
         options,
         document: &document,
         model: model.as_ref(),
         semantic,
         arm,
+        mount,
         selection,
         notes,
     };
@@ -218,8 +240,14 @@ pub fn init(options: &Options) -> Result<Initialised, InitError> {
     let text = write::configuration(&mut plan, &chosen);
     let stem = options.urdf.file_stem().unwrap_or_default().to_string_lossy();
     let config = options.out.join(format!("{stem}.ron"));
+    tprmp_files::try_out(&config, Existing::unless(options.force))?;
+    // Beside it, since paths in it are relative: nothing is left of what is not accepted.
+    let tried = options.out.join(format!(".{stem}.ron"));
+    tprmp_files::write(&tried, &text, Existing::Replace)?;
+    let accepted = accept(&tried);
+    let _ = std::fs::remove_file(&tried);
+    accepted?;
     tprmp_files::write(&config, text, Existing::unless(options.force))?;
-    accept(&config)?;
     let Chosen { home, cover, .. } = chosen;
     Ok(Initialised { config, joints, home, cover, notes: plan.notes })
 }
@@ -237,13 +265,21 @@ impl<'a> WithRobot for Plan<'a> {
     fn call<const N: usize>(mut self) -> Self::Output {
         let chain = Chain::<N>::from_document(self.document, &self.selection)?;
         let known = limits::known::<N>(self.document, &self.selection);
-        let mut rates = limits::rates(&chain, known, [0.0, 0.0, -9.81]);
+        let mut rates = limits::rates(&chain, known, self.mount.gravity_m_s2());
         self.semantic.replace_rates(chain.joint_names(), &mut rates);
         self.note_limits(chain.joint_names(), &rates, known);
         let (control_points, cover) = self.control_points()?;
         let points = ControlPoints::listed(&chain, &control_points).map_err(|source| {
             StartError::ControlPoints { urdf: self.options.urdf.clone(), source }
         })?;
+        let ranges = chain.position_upper() - chain.position_lower();
+        if ranges.min() < RANGE_MIN {
+            let (joint, range) = (&chain.joint_names()[ranges.imin()], ranges.min());
+            let text = format!(
+                "joint `{joint}` can move by {range} rad or m only: no arm can be led within that; make it fixed"
+            );
+            return Err(InitError::Arm { urdf: self.options.urdf.clone(), text });
+        }
         let position_margin = position_margin(&chain);
         let ends = [
             chain.position_lower().add_scalar(position_margin),
@@ -251,7 +287,8 @@ impl<'a> WithRobot for Plan<'a> {
         ];
         let middle = spread_posture(&ends[0], &ends[1], 7);
         let tool_axis = tool_axis::approach_axis(&chain, &middle);
-        let all = pairs::grounded(&chain, &points, &ends);
+        let ground_m = self.mount.ground_m();
+        let all = pairs::grounded(&chain, &points, ground_m, &ends);
         let mut exempt = self.semantic.ignored.clone();
         let near_m = self_activation_m(cover.as_ref());
         let meshes = cover.as_ref().map(|cover| (cover.meshes(), cover));
@@ -268,8 +305,27 @@ impl<'a> WithRobot for Plan<'a> {
             approach_axis: tool_axis,
             moved: self.model.map_or(&[0, 1, 2, 3, 4, 5], |model| model.manifold.moved()),
             grounded: &all,
+            up: self.mount.up,
+            ground_m,
         };
-        let home = self.semantic.home(chain.joint_names()).unwrap_or_else(|| criteria.home());
+        let limits = [chain.position_lower(), chain.position_upper()];
+        let given = self.semantic.home(chain.joint_names(), limits, &ends, &mut self.notes)?;
+        let home = given.unwrap_or_else(|| criteria.home());
+        self.note_uncovered(&chain, &points);
+        let freedom = Freedom::of(&chain, &ends);
+        let beyond = self.model.filter(|model| !freedom.can_do(model.manifold));
+        if let Some(model) = beyond {
+            let remedy = match model.manifold {
+                Manifold::R3S3 if freedom.can_do(Manifold::R3) => {
+                    "; `skill.moves: Position` leaves the orientation to it"
+                }
+                _ => "",
+            };
+            self.notes.push(Note::lack(format!(
+                "the skill is on {}, which this arm cannot do: {freedom}{remedy}",
+                model.manifold
+            )));
+        }
         let working_range = criteria.working_range(&home);
         let within = [0, 1].map(|end| {
             SVector::from_fn(|i, _| working_range[i].map_or(ends[end][i], |range| range[end]))
@@ -281,6 +337,7 @@ impl<'a> WithRobot for Plan<'a> {
             harmless,
             grounded: pairs::grounded_links(&chain, &points, &all),
             home: home.iter().copied().collect(),
+            home_reason: self.semantic.home_reason(given.is_some()),
             working_range: working_range.to_vec(),
             on_tool: chain
                 .moving_links()
@@ -295,8 +352,50 @@ impl<'a> WithRobot for Plan<'a> {
             cover,
             known,
             tool_axis,
+            tilts_freely: self.model.is_some_and(|model| model.manifold == Manifold::R3S1)
+                && freedom.rank(&[3, 4]) > 0,
         };
         Ok((chosen, self))
+    }
+}
+
+/// A joint of less range is none \[rad or m\].
+const RANGE_MIN: f64 = 0.02;
+/// Spheres that stick out farther are told \[m\].
+const STICKS_OUT_M: f64 = 0.05;
+
+/// Tells which shapes that do not move with the arm it could meet.
+fn note_body(document: &Document, arm: &Arm, notes: &mut Vec<Note>) {
+    let parent = |link: &str| document.joints.iter().find(|joint| joint.child == link);
+    // The links from a link up to the root, bounded: a tree is no deeper than it has links.
+    let above = |link: &str| {
+        let mut links = vec![link.to_owned()];
+        while let Some(joint) = parent(&links[links.len() - 1]) {
+            if links.len() > document.links.len() {
+                break;
+            }
+            links.push(joint.parent.clone());
+        }
+        links
+    };
+    let moves = |link: &str| {
+        above(link).iter().filter_map(|at| parent(at)).any(|joint| arm.joints.contains(&joint.name))
+    };
+    let first = document.joints.iter().find(|joint| arm.joints.first() == Some(&joint.name));
+    let foot = first.map(|joint| joint.parent.as_str());
+    let bodies = document.links.iter().filter(|link| !link.collisions.is_empty());
+    let names: Vec<_> = bodies
+        .map(|link| link.name.as_str())
+        .filter(|link| Some(*link) != foot && !moves(link))
+        .map(|link| format!("`{link}`"))
+        .collect();
+    if !names.is_empty() {
+        notes.push(Note::lack(format!(
+            "{} links have shapes and do not move with the arm, which does not keep clear of them: {}; publish what it can \
+             reach as obstacles, for one by `controller frames`",
+            names.len(),
+            tprmp_files::shortened(&names.join(", "))
+        )));
     }
 }
 
@@ -322,6 +421,18 @@ impl Plan<'_> {
         }
     }
 
+    /// Tells which links `controller check` asks for.
+    fn note_uncovered<const N: usize>(&mut self, chain: &Chain<N>, points: &ControlPoints) {
+        let bare = startup::uncovered_links(chain, self.document, points);
+        if !bare.is_empty() {
+            self.notes.push(Note::lack(format!(
+                "no spheres for {}: `controller check` refuses the configuration until there are (--package finds meshes), \
+                 or `robot.not_kept_clear` names them",
+                bare.iter().map(|link| format!("`{link}`")).collect::<Vec<_>>().join(", ")
+            )));
+        }
+    }
+
     /// The spheres: those of an XRDF, or found from the shapes.
     fn control_points(&mut self) -> Result<(Spheres, Option<Cover>), InitError> {
         if let Some(spheres) = self.semantic.spheres.clone() {
@@ -340,7 +451,15 @@ impl Plan<'_> {
                 meshes.join("; ")
             )));
         }
-        if bare.len() == found.links.len() {
+        if found.protrusion_m > STICKS_OUT_M {
+            self.notes.push(Note::lack(format!(
+                "the spheres stick out by {:.0} mm: the arm keeps clear of more than it has to, and may find no way; \
+                 name --base and --tool of the part that moves, or more --spheres",
+                1e3 * found.protrusion_m
+            )));
+        }
+        let known = found.links.iter().all(|link| link.missing.is_empty());
+        if bare.len() == found.links.len() && known {
             self.notes.push(Note::lack(
                 "no link has a collision shape: the arm keeps clear of nothing".into(),
             ));
@@ -354,6 +473,6 @@ impl Plan<'_> {
 
 /// Kept from the position limits \[rad or m\]: 0.05, and a fiftieth of the smallest range at most.
 fn position_margin<const N: usize>(chain: &Chain<N>) -> f64 {
-    let ranges = chain.position_upper() - chain.position_lower();
-    text::rounded((0.02 * ranges.min()).clamp(1e-4, 0.05))
+    let least = (chain.position_upper() - chain.position_lower()).min();
+    text::rounded((0.02 * least).clamp(1e-4, 0.05))
 }

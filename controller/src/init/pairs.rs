@@ -14,6 +14,8 @@ use tprmp_spatial::Pose;
 
 /// Postures that are tried.
 const POSTURE_COUNT: usize = 400;
+/// Postures of the joints between two links that are tried before they are said not to meet.
+const BETWEEN_COUNT: usize = 4000;
 /// Spheres of two links that touch in this fraction of the postures stick out too far to tell anything.
 const TOUCHING_FRACTION: f64 = 0.3;
 /// In fewer postures two links are too seldom near each other to tell what their shapes can do.
@@ -24,19 +26,23 @@ const JOINTS_BETWEEN_MAX: usize = 3;
 /// would be kept away, of 0.09 m and a margin of 0.015 \[m\].
 const GROUND_M: f64 = 0.105;
 
-/// Spheres that are near the ground, z = 0 of the base, in every posture.
+/// Spheres that are near the ground in every posture, which is at the height `ground_m` of the base \[m\]; none where
+/// that is not known.
 pub(super) fn grounded<const N: usize>(
     chain: &Chain<N>,
     points: &ControlPoints,
+    ground_m: Option<f64>,
     range: &[SVector<f64, N>; 2],
 ) -> Vec<bool> {
-    let mut grounded = vec![true; points.as_slice().len()];
+    let mut grounded = vec![ground_m.is_some(); points.as_slice().len()];
+    let ground_m = ground_m.unwrap_or_default();
     let mut kinematics = Kinematics::new();
     for k in 1..=POSTURE_COUNT {
         forward_kinematics(chain, &spread_posture(&range[0], &range[1], k), &mut kinematics);
         for (point, stands) in points.as_slice().iter().zip(&mut grounded) {
             let lowest = point_position(&kinematics, point.joint, point.centre).z - point.radius;
-            *stands &= lowest < GROUND_M;
+            // What hangs far below stands on nothing.
+            *stands &= (lowest - ground_m).abs() < GROUND_M;
         }
     }
     grounded
@@ -76,6 +82,29 @@ pub(super) fn grounded_links<const N: usize>(
         }
     }
     found
+}
+
+/// A posture in which the joints between two links are spread over their range, and the others in the middle of theirs.
+fn between<const N: usize>(
+    [a, b]: [usize; 2],
+    range: &[SVector<f64, N>; 2],
+    k: usize,
+) -> SVector<f64, N> {
+    let moving = a.min(b) + 1..=a.max(b);
+    let middle = |i: usize| {
+        let [lower, upper] = [range[0][i], range[1][i]];
+        if (upper - lower).is_finite() { 0.5 * (lower + upper) } else { 0.0 }
+    };
+    // The first numbers of a sequence are spread best: those between come first.
+    let mut order: Vec<usize> = moving.clone().collect();
+    order.extend((0..N).filter(|i| !moving.contains(i)));
+    let ends = [0, 1].map(|end| SVector::<f64, N>::from_fn(|i, _| range[end][order[i]]));
+    let spread = spread_posture(&ends[0], &ends[1], k);
+    let mut q = SVector::<f64, N>::from_fn(|i, _| middle(i));
+    for (place, joint) in order.iter().enumerate().take(moving.count()) {
+        q[*joint] = spread[place];
+    }
+    q
 }
 
 /// A pair of links that need not keep clear of each other, and why.
@@ -134,7 +163,7 @@ pub(super) fn harmless<const N: usize>(
         }
         let near: Vec<_> = postures.iter().filter(are_near).collect();
         let fraction = near.len() as f64 / POSTURE_COUNT as f64;
-        let shapes_touch = |at: &&Kinematics<N>| match (shapes, in_cover(a), in_cover(b)) {
+        let shapes_touch = |at: &Kinematics<N>| match (shapes, in_cover(a), in_cover(b)) {
             (Some((meshes, _)), Some(one), Some(other)) => {
                 let [x, y] =
                     [a, b].map(|link| link_pose(chain, at, link).unwrap_or(Pose::IDENTITY));
@@ -143,7 +172,16 @@ pub(super) fn harmless<const N: usize>(
             _ => fraction < TOUCHING_FRACTION,
         };
         let name = |link: usize| chain.moving_links()[link].0.clone();
-        (fraction >= NEAR_FRACTION && !near.iter().any(shapes_touch)).then(|| Harmless {
+        let touches = |k: usize| {
+            let mut kinematics = Kinematics::new();
+            let q = between([joint(a), joint(b)], range, k);
+            forward_kinematics(chain, &q, &mut kinematics);
+            are_near(&&kinematics) && shapes_touch(&kinematics)
+        };
+        let apart = fraction >= NEAR_FRACTION
+            && !near.iter().any(|at| shapes_touch(at))
+            && !(1..=BETWEEN_COUNT).into_par_iter().any(touches);
+        apart.then(|| Harmless {
             links: [name(a), name(b)],
             reason: format!("near in {:.0} %, touching in none", 100.0 * fraction),
         })

@@ -38,6 +38,10 @@ pub(super) struct Criteria<'a, const N: usize> {
     pub(super) moved: &'a [usize],
     /// Spheres that stand on the ground in every posture.
     pub grounded: &'a [bool],
+    /// Against gravity, in the base.
+    pub up: DVec3,
+    /// Height of the ground along that \[m\], where it is known.
+    pub ground_m: Option<f64>,
 }
 
 impl<const N: usize> Criteria<'_, N> {
@@ -66,7 +70,8 @@ impl<const N: usize> Criteria<'_, N> {
                 &mut best,
             );
         }
-        best.1.map(|q| (q * 100.0).round() / 100.0)
+        let rounded = best.1.map(|q| (q * 100.0).round() / 100.0);
+        SVector::from_fn(|i, _| rounded[i].clamp(lower[i], upper[i]))
     }
 
     /// How far the tool comes from the first joint \[m\].
@@ -89,9 +94,9 @@ impl<const N: usize> Criteria<'_, N> {
             near_limit += aside * aside / N as f64;
         }
         let [clearance, low] = self.clearance(kinematics);
-        let down = -(kinematics.tool_pose().orientation * self.approach_axis).z;
-        let out = kinematics.tool_position().truncate().length() / reach;
-        let height = (kinematics.tool_position().z / reach - 0.3).clamp(-1.0, 1.0);
+        let down = -(kinematics.tool_pose().orientation * self.approach_axis).dot(self.up);
+        let out = kinematics.tool_position().reject_from(self.up).length() / reach;
+        let height = (kinematics.tool_position().dot(self.up) / reach - 0.3).clamp(-1.0, 1.0);
         // Half of the reach away, and a third of it high.
         2.0 / N as f64 * self.manipulability(kinematics, reach).max(1e-30).ln() - 1.5 * near_limit
             + 20.0 * (clearance - CLEARANCE_M).min(0.0) / CLEARANCE_M
@@ -112,7 +117,7 @@ impl<const N: usize> Criteria<'_, N> {
             .map(|&(i, j)| centre(i).distance(centre(j)) - points[i].radius - points[j].radius);
         let above = (0..points.len())
             .filter(|&i| !self.grounded[i])
-            .map(|i| centre(i).z - points[i].radius);
+            .filter_map(|i| Some(centre(i).dot(self.up) - points[i].radius - self.ground_m?));
         [own.fold(1.0, f64::min), above.fold(1.0, f64::min)]
     }
 

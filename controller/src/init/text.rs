@@ -105,6 +105,10 @@ pub(super) const SELF_ACTIVATION: BaseKey =
 pub(super) const LIMIT_ACTIVATION: BaseKey =
     BaseKey { section: "joint_limits", line: "activation_distance: 0.2," };
 
+/// What keeps the tool upright.
+pub(super) const KEEP_UPRIGHT: BaseKey =
+    BaseKey { section: "keep_upright", line: "keep_upright: None," };
+
 /// What an arm decides about in a whole configuration.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sections {
@@ -216,7 +220,7 @@ mod tests {
 
     #[test]
     fn what_an_arm_decides_about_stands_in_the_common_part_once() {
-        for base in [SELF_ACTIVATION, LIMIT_ACTIVATION] {
+        for base in [SELF_ACTIVATION, LIMIT_ACTIVATION, KEEP_UPRIGHT] {
             let sections = common();
             let (_, text) = sections.iter().find(|(key, _)| *key == base.section).unwrap();
             assert_eq!(text.matches(base.line).count(), 1, "{base:?}");

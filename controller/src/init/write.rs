@@ -3,7 +3,7 @@
 use tprmp_robot::LimitOverride;
 
 use crate::init::text::{
-    LIMIT_ACTIVATION, SELF_ACTIVATION, Sections, Text, numbers, rounded, tuple,
+    KEEP_UPRIGHT, LIMIT_ACTIVATION, SELF_ACTIVATION, Sections, Text, numbers, rounded, tuple,
 };
 use crate::init::{Chosen, Commands, Note, Plan, Task};
 use crate::tool_axis::{named, orientation, snapped};
@@ -28,6 +28,7 @@ pub(super) fn configuration(plan: &mut Plan<'_>, chosen: &Chosen) -> String {
         replaced: vec![
             (SELF_ACTIVATION, self_activation(chosen)),
             (LIMIT_ACTIVATION, limit_activation(chosen)),
+            (KEEP_UPRIGHT, keep_upright(plan, chosen)),
         ],
         task: match plan.options.task {
             Task::Pick => None,
@@ -154,7 +155,12 @@ fn robot(
     text.comment(&spheres).list("control_points", ["Some([", "])"], &points);
     let joints: Vec<_> = arm.joints.iter().map(|name| quoted(name)).collect();
     text.comment("From the base to the tool.").key("joints", &format!("[{}]", joints.join(", ")));
-    text.comment("A default: the base stands upright.").key("gravity_m_s2", "(0.0, 0.0, -9.81)");
+    text.comment(if plan.mount.is_turned() {
+        "In the base, which the joints above it turn; the root's z axis points up."
+    } else {
+        "A default: the root's z axis points up."
+    });
+    text.key("gravity_m_s2", &tuple(&plan.mount.gravity_m_s2()));
     actuators(plan, chosen, &mut text);
     text.comment(&format!("{}.", capital(&chosen.rates.acceleration_reason)));
     text.key("acceleration_max", &numbers(&chosen.rates.acceleration));
@@ -246,7 +252,7 @@ fn working_range(plan: &Plan<'_>, chosen: &Chosen, text: &mut Text) {
 fn posture(plan: &Plan<'_>, chosen: &Chosen) -> String {
     let mut text = Text::new(1);
     let home = numbers(&chosen.home);
-    let reason = plan.semantic.home_reason();
+    let reason = &chosen.home_reason;
     let decided = plan.model.map_or(6, |model| model.manifold.moved().len());
     if chosen.home.len() <= decided {
         text.comment(&format!(
@@ -302,7 +308,9 @@ fn self_collision(plan: &Plan<'_>, chosen: &Chosen) -> String {
     let harmless = chosen.harmless.iter();
     let mut lines: Vec<_> =
         harmless.map(|found| pair(&found.links[0], &found.links[1], &found.reason)).collect();
-    lines.extend(plan.semantic.ignored.iter().map(|(a, b)| pair(a, b, "of the file")));
+    let has_points = |link: &str| chosen.control_points.iter().any(|(of, ..)| of == link);
+    let named = plan.semantic.ignored.iter().filter(|(a, b)| has_points(a) && has_points(b));
+    lines.extend(named.map(|(a, b)| pair(a, b, "of the file")));
     let mut text = Text::new(2);
     text.comment(
         "Pairs that are near each other, by their spheres, in 20 or more of 400 postures within the working range, and whose shapes touch in none; and those that a file names.",
@@ -316,6 +324,19 @@ fn self_activation(chosen: &Chosen) -> String {
     let distance = chosen.self_activation_m();
     format!(
         "// Less than 0.05 by as much as two spheres stick out, and 0.01 at least.\n            activation_distance_m: {distance:?},"
+    )
+}
+
+/// What keeps the tool upright, where the arm could tilt it and the skill does not move that.
+fn keep_upright(plan: &Plan<'_>, chosen: &Chosen) -> String {
+    if !chosen.tilts_freely {
+        return "keep_upright: None,".into();
+    }
+    let [tool, base] = [chosen.tool_axis, -plan.mount.up].map(|axis| tuple(&axis.to_array()));
+    format!(
+        "// Here the tool's approach axis points down: the skill leaves the tilt alone, which the arm can change.\n    \
+         keep_upright: Some((tool_axis: {tool}, base_axis: {base}, angular_inertia_kg_m2: 0.5, stiffness_1_s2: 30.0, \
+         damping_1_s: 10.0)),"
     )
 }
 
