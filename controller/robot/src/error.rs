@@ -258,7 +258,8 @@ pub enum UrdfErrorKind {
     },
     /// The chain has more or fewer movable joints than this crate is built for.
     #[error(
-        "tool link `{tool_link}`: expected {min} to {max} movable joints on its path, found {found}"
+        "tool link `{tool_link}`: expected {min} to {max} movable joints on its path, found {found}{}",
+        if found > max { ": name a base link (`--base`, `robot.base_link`) farther up the chain" } else { "" }
     )]
     JointCountRange {
         /// The tool link.

@@ -295,17 +295,22 @@ fn list_pairs<const N: usize>(chain: &Chain<N>, pairs: &SelfPairs) {
     let name = |link: usize| chain.moving_links()[link].0.as_str();
     let text = format!("{} pairs of spheres are kept apart", pairs.watched.len());
     line("ok", "self-collision", &text);
-    for (one, other, why) in &pairs.ignored {
-        let why = match why {
-            Ignored::Adjacent => "neighbours",
-            Ignored::Touching => {
-                "they touch in nearly every posture: where they could collide, `robot.working_range` has to keep \
-                 the joints between them from it"
-            }
-            Ignored::Exempt => "exempt",
-        };
-        let text = format!("{} and {} are not watched: {why}", name(*one), name(*other));
-        line("ok", "self-collision", &text);
+    for (kind, why) in [
+        (Ignored::Adjacent, "neighbours"),
+        (
+            Ignored::Touching,
+            "touch in nearly every posture: where they could collide, `robot.working_range` has to keep the joints \
+             between them from it",
+        ),
+        (Ignored::Exempt, "exempt"),
+    ] {
+        let of_kind = pairs.ignored.iter().filter(|(.., why)| *why == kind);
+        let list: Vec<_> =
+            of_kind.map(|(one, other, _)| format!("{} and {}", name(*one), name(*other))).collect();
+        if !list.is_empty() {
+            let text = format!("not watched, {why}: {}", list.join("; "));
+            line("ok", "self-collision", &text);
+        }
     }
 }
 

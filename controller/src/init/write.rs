@@ -130,7 +130,11 @@ fn robot(
     );
     text.comment("The link that the skill moves.").key("tool_link", &quoted(&arm.tool_link));
     text.comment(tool_reason).key("tool_offset", tool_offset);
-    text.comment("A default: nothing beside the URDF's links.").key("payload", "None");
+    text.comment(
+        "A default: nothing beside the URDF's links. Else mass and centre in the tool's frame: Some((mass_kg: 0.5, \
+         centre_m: (0.0, 0.0, 0.1))).",
+    );
+    text.key("payload", "None");
     let held: Vec<_> =
         arm.held_joints.iter().map(|(name, at)| format!("{}: {at:?}", quoted(name))).collect();
     text.comment(
@@ -140,7 +144,7 @@ fn robot(
     let limits: Vec<_> =
         plan.selection.limits.iter().map(|(name, limit)| limit_text(name, limit)).collect();
     text.comment(if limits.is_empty() {
-        "The URDF has them all."
+        "The URDF has them all; others count before them: {\"joint\": (position: None, velocity: Some(3.0), effort: None)}."
     } else {
         "Defaults: the URDF does not have them. See the data sheet."
     });
