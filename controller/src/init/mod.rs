@@ -11,6 +11,7 @@ mod notes;
 mod pairs;
 mod posture;
 mod semantic;
+mod semantic_files;
 mod srdf;
 mod text;
 mod write;
@@ -185,7 +186,7 @@ fn self_activation_m(cover: Option<&Cover>) -> f64 {
 pub fn init(options: &Options) -> Result<Initialised, InitError> {
     let document = Document::read(&options.urdf)?;
     let model = options.model.as_deref().map(skill_model::read).transpose()?;
-    let mut semantic = semantic::read(options.xrdf.as_deref(), options.srdf.as_deref())?;
+    let mut semantic = semantic_files::read(options.xrdf.as_deref(), options.srdf.as_deref())?;
     let mut notes = Vec::new();
     semantic.check(&document, options.xrdf.as_deref().or(options.srdf.as_deref()), &mut notes)?;
     let asked = Asked {
@@ -275,9 +276,8 @@ impl<'a> WithRobot for Plan<'a> {
         let ranges = chain.position_upper() - chain.position_lower();
         if ranges.min() < RANGE_MIN {
             let (joint, range) = (&chain.joint_names()[ranges.imin()], ranges.min());
-            let text = format!(
-                "joint `{joint}` can move by {range} rad or m only: no arm can be led within that; make it fixed"
-            );
+            let text =
+                format!("joint `{joint}` can move by {range} rad or m only: make it a fixed one");
             return Err(InitError::Arm { urdf: self.options.urdf.clone(), text });
         }
         let position_margin = position_margin(&chain);

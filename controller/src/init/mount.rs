@@ -50,6 +50,7 @@ impl Mount {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tprmp_files::{Existing, write};
 
     #[test]
     fn a_base_that_hangs_or_stands_high_is_told_from_one_on_the_ground() {
@@ -59,7 +60,7 @@ mod tests {
                 r#"<robot name="r"><link name="world"/><link name="base"/><joint name="j" type="fixed">{origin}
                    <parent link="world"/><child link="base"/></joint></robot>"#
             );
-            std::fs::write(&path, text).unwrap();
+            write(&path, text, Existing::Replace).unwrap();
             Mount::of(&Document::read(&path).unwrap(), Some("base"))
         };
         let hanging = of(r#"<origin xyz="0 0 2" rpy="3.141592653589793 0 0"/>"#);
