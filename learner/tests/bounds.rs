@@ -1,12 +1,9 @@
 //! Files that are made to hurt are refused by name before they take memory or time.
 
-#[path = "common/folder.rs"]
-mod folder;
-
 use std::io::Write;
 use std::path::Path;
 
-use folder::Folder;
+use crate::common::Folder;
 use tprmp_learner::demonstration;
 use tprmp_learner::import::{Selection, load};
 use tprmp_learner::skill::Skill;

@@ -1,13 +1,10 @@
 //! Tables, NumPy archives and LASA shapes: what is good comes back, what is wrong is refused by its
 //! place, and no bytes make a reader panic.
 
-#[path = "common/folder.rs"]
-mod folder;
-
 use std::io::{Cursor, Write};
 use std::path::{Path, PathBuf};
 
-use folder::Folder;
+use crate::common::Folder;
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 use tprmp_files::Existing;

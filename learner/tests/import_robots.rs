@@ -1,12 +1,9 @@
 //! Joints of a robot, arrays of several demonstrations and LeRobot data sets: their poses are those of the
 //! robot's kinematics and of the numbers written, and no bytes make a reader panic.
 
-#[path = "common/folder.rs"]
-mod folder;
-
 use std::path::{Path, PathBuf};
 
-use folder::Folder;
+use crate::common::Folder;
 use glam::DQuat;
 use nalgebra::SVector;
 use rand::{Rng, SeedableRng};

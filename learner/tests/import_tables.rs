@@ -1,12 +1,9 @@
 //! Tables as other programs write them: columns that are nearly known are refused and not dropped, and what
 //! was read is said.
 
-#[path = "common/folder.rs"]
-mod folder;
-
 use std::path::PathBuf;
 
-use folder::Folder;
+use crate::common::Folder;
 use tprmp_files::Existing;
 use tprmp_learner::demonstration::{Demonstration, Grip, Gripper, read, read_folder};
 use tprmp_learner::import::{Closed, Imported, LengthUnit, Selection, Space, TimeUnit, import};

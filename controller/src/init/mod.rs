@@ -269,18 +269,11 @@ impl<'a> WithRobot for Plan<'a> {
         let mut rates = limits::rates(&chain, known, self.mount.gravity_m_s2());
         self.semantic.replace_rates(chain.joint_names(), &mut rates);
         self.note_limits(chain.joint_names(), &rates, known);
+        let position_margin = self.position_margin(&chain)?;
         let (control_points, cover) = self.control_points()?;
         let points = ControlPoints::listed(&chain, &control_points).map_err(|source| {
             StartError::ControlPoints { urdf: self.options.urdf.clone(), source }
         })?;
-        let ranges = chain.position_upper() - chain.position_lower();
-        if ranges.min() < RANGE_MIN {
-            let (joint, range) = (&chain.joint_names()[ranges.imin()], ranges.min());
-            let text =
-                format!("joint `{joint}` can move by {range} rad or m only: make it a fixed one");
-            return Err(InitError::Arm { urdf: self.options.urdf.clone(), text });
-        }
-        let position_margin = position_margin(&chain);
         let ends = [
             chain.position_lower().add_scalar(position_margin),
             chain.position_upper().add_scalar(-position_margin),
@@ -313,38 +306,19 @@ impl<'a> WithRobot for Plan<'a> {
         let home = given.unwrap_or_else(|| criteria.home());
         self.note_uncovered(&chain, &points);
         let freedom = Freedom::of(&chain, &ends);
-        let beyond = self.model.filter(|model| !freedom.can_do(model.manifold));
-        if let Some(model) = beyond {
-            let remedy = match model.manifold {
-                Manifold::R3S3 if freedom.can_do(Manifold::R3) => {
-                    "; `skill.moves: Position` leaves the orientation to it"
-                }
-                _ => "",
-            };
-            self.notes.push(Note::lack(format!(
-                "the skill is on {}, which this arm cannot do: {freedom}{remedy}",
-                model.manifold
-            )));
-        }
+        self.note_freedom(&freedom);
         let working_range = criteria.working_range(&home);
         let within = [0, 1].map(|end| {
             SVector::from_fn(|i, _| working_range[i].map_or(ends[end][i], |range| range[end]))
         });
         harmless.extend(pairs::harmless(&look, &exempt, &within));
-        let last = N - 1;
-        let is_on_tool = |(_, joint): &&(String, usize)| *joint == last;
         let chosen = Chosen {
             harmless,
             grounded: pairs::grounded_links(&chain, &points, &all),
             home: home.iter().copied().collect(),
             home_reason: self.semantic.home_reason(given.is_some()),
             working_range: working_range.to_vec(),
-            on_tool: chain
-                .moving_links()
-                .iter()
-                .filter(is_on_tool)
-                .map(|(link, _)| link.clone())
-                .collect(),
+            on_tool: links_on_tool(&chain),
             rates,
             position_margin,
             smallest_range: (within[1] - within[0]).min(),
@@ -421,6 +395,36 @@ impl Plan<'_> {
         }
     }
 
+    /// Kept from the position limits \[rad or m\]: 0.05, and a fiftieth of the smallest range at most.
+    fn position_margin<const N: usize>(&self, chain: &Chain<N>) -> Result<f64, InitError> {
+        let ranges = chain.position_upper() - chain.position_lower();
+        let least = ranges.min();
+        if least < RANGE_MIN {
+            let joint = &chain.joint_names()[ranges.imin()];
+            let text =
+                format!("joint `{joint}` can move by {least} rad or m only: make it a fixed one");
+            return Err(InitError::Arm { urdf: self.options.urdf.clone(), text });
+        }
+        Ok(text::rounded((0.02 * least).clamp(1e-4, 0.05)))
+    }
+
+    /// Tells where the skill is beyond the arm.
+    fn note_freedom<const N: usize>(&mut self, freedom: &Freedom<N>) {
+        let Some(model) = self.model.filter(|model| !freedom.can_do(model.manifold)) else {
+            return;
+        };
+        let remedy = match model.manifold {
+            Manifold::R3S3 if freedom.can_do(Manifold::R3) => {
+                "; `skill.moves: Position` leaves the orientation to it"
+            }
+            _ => "",
+        };
+        self.notes.push(Note::lack(format!(
+            "the skill is on {}, which this arm cannot do: {freedom}{remedy}",
+            model.manifold
+        )));
+    }
+
     /// Tells which links `controller check` asks for.
     fn note_uncovered<const N: usize>(&mut self, chain: &Chain<N>, points: &ControlPoints) {
         let bare = startup::uncovered_links(chain, self.document, points);
@@ -471,8 +475,8 @@ impl Plan<'_> {
     }
 }
 
-/// Kept from the position limits \[rad or m\]: 0.05, and a fiftieth of the smallest range at most.
-fn position_margin<const N: usize>(chain: &Chain<N>) -> f64 {
-    let least = (chain.position_upper() - chain.position_lower()).min();
-    text::rounded((0.02 * least).clamp(1e-4, 0.05))
+/// The links that move with the tool.
+fn links_on_tool<const N: usize>(chain: &Chain<N>) -> Vec<String> {
+    let links = chain.moving_links().iter().filter(|(_, joint)| *joint == N - 1);
+    links.map(|(link, _)| link.clone()).collect()
 }

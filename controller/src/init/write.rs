@@ -111,6 +111,17 @@ fn tool_offset(plan: &mut Plan<'_>, chosen: &Chosen) -> (String, String) {
     (reason, value)
 }
 
+fn limits(plan: &Plan<'_>, text: &mut Text) {
+    let limits: Vec<_> =
+        plan.selection.limits.iter().map(|(name, limit)| limit_text(name, limit)).collect();
+    text.comment(if limits.is_empty() {
+        "The URDF has them all; others count before them: {\"joint\": (position: None, velocity: Some(3.0), effort: None)}."
+    } else {
+        "Defaults: the URDF does not have them. See the data sheet."
+    });
+    text.list("limits", ["{", "}"], &limits);
+}
+
 fn robot(
     plan: &Plan<'_>,
     chosen: &Chosen,
@@ -141,14 +152,7 @@ fn robot(
         "Joints beside the arm: at zero, or in the middle of a range without it [rad or m].",
     );
     text.list("held_joints", ["{", "}"], &held);
-    let limits: Vec<_> =
-        plan.selection.limits.iter().map(|(name, limit)| limit_text(name, limit)).collect();
-    text.comment(if limits.is_empty() {
-        "The URDF has them all; others count before them: {\"joint\": (position: None, velocity: Some(3.0), effort: None)}."
-    } else {
-        "Defaults: the URDF does not have them. See the data sheet."
-    });
-    text.list("limits", ["{", "}"], &limits);
+    limits(plan, &mut text);
     text.comment("Links with collision shapes that need no control points.")
         .key("not_kept_clear", "[]");
     let points: Vec<_> = chosen.control_points.iter().map(point_text).collect();

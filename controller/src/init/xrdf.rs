@@ -61,30 +61,34 @@ struct AddedFrames(BTreeMap<String, (String, Pose)>);
 
 impl AddedFrames {
     /// Adds one, below a link or one that was added before.
-    fn add(&mut self, added: AddedFrame, needed: &mut Vec<(String, String)>) -> Result<(), String> {
+    fn add(
+        &mut self,
+        added: &AddedFrame,
+        needed: &mut Vec<(String, String)>,
+    ) -> Result<(), String> {
         let AddedFrame { frame_name, parent_frame_name, joint_type, fixed_transform } = added;
         let fault = |expected: &str, found: &str| {
-            let (name, found) =
-                (tprmp_files::printable(&frame_name), tprmp_files::printable(found));
+            let (name, found) = (tprmp_files::printable(frame_name), tprmp_files::printable(found));
             Err(format!("key `modifiers`, frame `{name}`: expected {expected}, found {found}"))
         };
-        if let Some(found) = joint_type.filter(|found| !found.eq_ignore_ascii_case("fixed")) {
+        if let Some(found) =
+            joint_type.as_ref().filter(|found| !found.eq_ignore_ascii_case("fixed"))
+        {
             return fault("a joint_type of FIXED", &format!("`{found}`"));
         }
-        let FixedTransform { position, orientation: Orientation { w, xyz: [x, y, z] } } =
-            fixed_transform;
-        let rotation = DQuat::from_xyzw(x, y, z, w);
-        let (position, length) = (DVec3::from(position), rotation.length());
+        let Orientation { w, xyz: [x, y, z] } = &fixed_transform.orientation;
+        let rotation = DQuat::from_xyzw(*x, *y, *z, *w);
+        let (position, length) = (DVec3::from(fixed_transform.position), rotation.length());
         if !position.is_finite() || !(0.99..1.01).contains(&length) {
             let found = format!("{position} and a quaternion of length {length}");
             return fault("finite numbers and a quaternion of length 1", &found);
         }
         let own = Pose { position, orientation: rotation.normalize() };
-        let (link, parent) = self.resolve(&parent_frame_name);
+        let (link, parent) = self.resolve(parent_frame_name);
         let key = format!("key `modifiers`, frame `{frame_name}`");
         let pose = parent.compose(&own);
         needed.push((key, link.clone()));
-        self.0.insert(frame_name, (link, pose));
+        self.0.insert(frame_name.clone(), (link, pose));
         Ok(())
     }
 
@@ -149,32 +153,18 @@ pub(super) fn parse_xrdf(text: &str, semantic: &mut Semantic) -> Result<(), Stri
         semantic.unused.push(text.into());
     }
     let mut frames = AddedFrames::default();
-    for modifier in xrdf.modifiers {
+    for modifier in &xrdf.modifiers {
         match modifier {
             Modifier::AddFrame(frame) => frames.add(frame, &mut semantic.needed_links)?,
             Modifier::SetBaseFrame(base) => {
                 semantic
                     .needed_links
                     .push(("key `modifiers`, `set_base_frame`".into(), base.clone()));
-                semantic.base = Some(base);
+                semantic.base = Some(base.clone());
             }
         }
     }
-    let names = &xrdf.cspace.joint_names;
-    for (key, limits, kept) in [
-        ("acceleration_limits", &xrdf.cspace.acceleration_limits, &mut semantic.acceleration),
-        ("jerk_limits", &xrdf.cspace.jerk_limits, &mut semantic.jerk),
-    ] {
-        if !limits.is_empty() && limits.len() != names.len() {
-            let (expected, found) = (names.len(), limits.len());
-            return Err(format!("key `cspace.{key}`: expected {expected} numbers, found {found}"));
-        }
-        if let Some(limit) = limits.iter().find(|limit| !(limit.is_finite() && **limit > 0.0)) {
-            return Err(format!("key `cspace.{key}`: expected numbers above 0, found {limit}"));
-        }
-        *kept = names.iter().cloned().zip(limits.iter().copied()).collect();
-    }
-    semantic.moved.clone_from(names);
+    take_cspace(&xrdf.cspace, semantic)?;
     if let Some(tool) = xrdf.tool_frames.first() {
         let (link, pose) = frames.resolve(tool);
         semantic.needed_links.push(("key `tool_frames`".into(), link.clone()));
@@ -187,9 +177,38 @@ pub(super) fn parse_xrdf(text: &str, semantic: &mut Semantic) -> Result<(), Stri
         ));
     }
     if !xrdf.default_joint_positions.is_empty() {
-        semantic.home = xrdf.default_joint_positions;
+        semantic.home.clone_from(&xrdf.default_joint_positions);
         semantic.home_name = "default_joint_positions".into();
     }
+    take_collision(&xrdf, &frames, semantic)
+}
+
+/// The joints that move, and their limits.
+fn take_cspace(cspace: &Cspace, semantic: &mut Semantic) -> Result<(), String> {
+    let names = &cspace.joint_names;
+    for (key, limits, kept) in [
+        ("acceleration_limits", &cspace.acceleration_limits, &mut semantic.acceleration),
+        ("jerk_limits", &cspace.jerk_limits, &mut semantic.jerk),
+    ] {
+        if !limits.is_empty() && limits.len() != names.len() {
+            let (expected, found) = (names.len(), limits.len());
+            return Err(format!("key `cspace.{key}`: expected {expected} numbers, found {found}"));
+        }
+        if let Some(limit) = limits.iter().find(|limit| !(limit.is_finite() && **limit > 0.0)) {
+            return Err(format!("key `cspace.{key}`: expected numbers above 0, found {limit}"));
+        }
+        *kept = names.iter().cloned().zip(limits.iter().copied()).collect();
+    }
+    semantic.moved.clone_from(names);
+    Ok(())
+}
+
+/// Spheres, and pairs to ignore.
+fn take_collision(
+    xrdf: &Xrdf,
+    frames: &AddedFrames,
+    semantic: &mut Semantic,
+) -> Result<(), String> {
     if let Some(collision) = &xrdf.collision {
         let geometry = xrdf.geometry.get(&collision.geometry).ok_or_else(|| {
             let known = xrdf.geometry.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
@@ -198,7 +217,7 @@ pub(super) fn parse_xrdf(text: &str, semantic: &mut Semantic) -> Result<(), Stri
                 collision.geometry
             )
         })?;
-        let found = spheres(geometry, &collision.buffer_distance, &frames)?;
+        let found = spheres(geometry, &collision.buffer_distance, frames)?;
         let key = format!("key `geometry.{}.spheres`", collision.geometry);
         semantic.needed_links.extend(found.iter().map(|(link, ..)| (key.clone(), link.clone())));
         semantic.needed_links.dedup();

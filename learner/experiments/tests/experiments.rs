@@ -12,9 +12,7 @@ use tprmp_experiments::world::run;
 use tprmp_learner::skill::Skill;
 use tprmp_learner::train::learn;
 
-#[path = "../../tests/common/folder.rs"]
-mod folder;
-use folder::Folder;
+use crate::folder::Folder;
 
 const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config");
 

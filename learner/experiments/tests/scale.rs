@@ -5,9 +5,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-#[path = "../../tests/common/folder.rs"]
-mod folder;
-use folder::Folder;
+use crate::folder::Folder;
 
 const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config");
 /// How much smaller the second data set is.
