@@ -5,7 +5,7 @@ use crate::common::{
     tube,
 };
 use glam::DVec3;
-use tprmp_cover::{CoverError, Options, Packages, cover};
+use tprmp_cover::{CoverError, LinkMeshes, Options, Packages, cover};
 use tprmp_robot::Selection;
 use tprmp_spatial::Pose;
 
@@ -227,6 +227,95 @@ fn links_touch_where_their_shapes_do_and_not_where_their_spheres_do() {
     let touch = |m| meshes.touch((arm, &at(0.0)), (tool, &at(m)));
     // The cup is in the arm's end, 5 mm beside its side of 60 mm radius, and far away.
     assert!(touch(0.0) && !touch(0.5));
+}
+
+/// Two links of one shape each, at their frames.
+fn pair(shapes: [&str; 2]) -> Robot {
+    let shape = |text: &str| format!("<collision><geometry>{text}</geometry></collision>");
+    Robot::new(&shapes.map(shape).each_ref().map(String::as_str))
+}
+
+/// The shapes of its links. As few spheres as are quick to find.
+fn meshes(robot: &Robot) -> LinkMeshes {
+    robot.cover(&Options { protrusion_m: 0.2, ..Options::default() }).meshes()
+}
+
+/// Whether the two links touch, the second so far along x from the first [m].
+fn touch_at(meshes: &LinkMeshes, x: f64) -> bool {
+    let at = |x| Pose { position: DVec3::X * x, ..Pose::IDENTITY };
+    let found = meshes.touch((0, &at(0.0)), (1, &at(x)));
+    assert_eq!(found, meshes.touch((1, &at(x)), (0, &at(0.0))), "{x}: the other way around");
+    found
+}
+
+#[test]
+fn balls_touch_where_they_meet() {
+    for shapes in [
+        ["<sphere radius=\"0.11\"/>", "<sphere radius=\"0.09\"/>"],
+        ["<sphere radius=\"0.11\"/>", "<box size=\"0.18 0.01 0.01\"/>"],
+    ] {
+        let meshes = meshes(&pair(shapes));
+        assert!(touch_at(&meshes, 0.199) && touch_at(&meshes, -0.1999), "{shapes:?}");
+        assert!(!touch_at(&meshes, 0.203), "{shapes:?}: more than 1 % apart");
+    }
+    let link = &pair(["<sphere radius=\"0.11\"/>", "<box size=\"0.1 0.1 0.1\"/>"])
+        .cover(&Options::default())
+        .links[0];
+    assert_eq!(link.spheres.len(), 1, "it is not covered twice");
+    for corner in link.triangles.iter().flatten() {
+        assert!((0.11..=0.1111).contains(&corner.length()), "{corner}");
+    }
+    for [a, b, c] in &link.triangles {
+        let nearest = (*b - *a).cross(*c - *a).normalize().dot(*a).abs();
+        assert!(nearest >= 0.11 - 1e-12, "{a} {b} {c}: cuts the ball");
+    }
+}
+
+#[test]
+fn a_shape_inside_another_touches_it() {
+    for shapes in [
+        ["<sphere radius=\"0.2\"/>", "<sphere radius=\"0.05\"/>"],
+        ["<box size=\"0.4 0.4 0.4\"/>", "<cylinder radius=\"0.05\" length=\"0.1\"/>"],
+    ] {
+        let meshes = meshes(&pair(shapes));
+        assert!([0.0, 0.04, -0.1, 0.2].into_iter().all(|x| touch_at(&meshes, x)), "{shapes:?}");
+        assert!(!touch_at(&meshes, 0.26), "{shapes:?}");
+    }
+    // A housing that is closed, open where it ends, inside out, drawn from both sides, of overlapping parts one of
+    // which is inside out.
+    let closed = tube(0.1, 0.4, true);
+    let flipped: Vec<_> = closed.iter().map(|[a, b, c]| [*a, *c, *b]).collect();
+    let block = cuboid(DVec3::new(-0.07, -0.07, 0.1), DVec3::new(0.07, 0.07, 0.3));
+    let inner = cuboid(DVec3::new(-0.02, -0.02, 0.17), DVec3::new(0.02, 0.02, 0.23));
+    for (case, housing) in [
+        ("open", tube(0.1, 0.4, false)),
+        ("both", [closed.clone(), flipped.clone()].concat()),
+        ("overlapping", [flipped.clone(), block].concat()),
+        ("closed", closed),
+        ("flipped", flipped),
+    ] {
+        // What lies inside is not all there is of its link.
+        let far: Vec<_> = inner.iter().map(|t| t.map(|p| p + DVec3::Y)).collect();
+        let robot = Robot::new(&[&collision("a.stl"), &collision("b.stl")]);
+        robot.file("a.stl", ascii_stl(&housing));
+        robot.file("b.stl", ascii_stl(&[far, inner.clone()].concat()));
+        let meshes = meshes(&robot);
+        assert!(touch_at(&meshes, 0.0) && touch_at(&meshes, 0.03), "{case}");
+        assert!(!touch_at(&meshes, 0.13) && !touch_at(&meshes, -0.5), "{case}");
+    }
+    // In the bore of a thick tube there is room.
+    let walls = [
+        [DVec3::new(-0.1, -0.1, 0.0), DVec3::new(0.1, -0.05, 0.4)],
+        [DVec3::new(-0.1, 0.05, 0.0), DVec3::new(0.1, 0.1, 0.4)],
+        [DVec3::new(-0.1, -0.1, 0.0), DVec3::new(-0.05, 0.1, 0.4)],
+        [DVec3::new(0.05, -0.1, 0.0), DVec3::new(0.1, 0.1, 0.4)],
+    ];
+    let walls: Vec<_> = walls.iter().flat_map(|[low, high]| cuboid(*low, *high)).collect();
+    let robot = Robot::new(&[&collision("a.stl"), &collision("b.stl")]);
+    robot.file("a.stl", ascii_stl(&walls));
+    robot.file("b.stl", ascii_stl(&inner));
+    let meshes = meshes(&robot);
+    assert!(!touch_at(&meshes, 0.0) && touch_at(&meshes, 0.04));
 }
 
 #[test]
