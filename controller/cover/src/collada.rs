@@ -285,9 +285,10 @@ fn children<'a>(node: Node<'a, 'a>, name: &'static str) -> impl Iterator<Item = 
     node.children().filter(move |child| child.has_tag_name_of(name))
 }
 
-/// The numbers that an element lists.
+/// The numbers that an element lists, also behind a comment.
 fn numbers<T: core::str::FromStr>(node: Node) -> Result<Vec<T>> {
-    node.text().unwrap_or("").split_ascii_whitespace().map(|text| number(node, text)).collect()
+    let texts = node.children().filter(Node::is_text).filter_map(|child| child.text());
+    texts.flat_map(str::split_ascii_whitespace).map(|text| number(node, text)).collect()
 }
 
 fn number<T: core::str::FromStr>(node: Node, text: &str) -> Result<T> {
