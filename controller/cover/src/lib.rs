@@ -33,6 +33,7 @@ mod picture;
 mod primitives;
 mod solid;
 mod spheres;
+mod stl;
 mod text;
 mod triangle;
 

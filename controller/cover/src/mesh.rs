@@ -10,6 +10,7 @@ use parry3d_f64::math::Vector;
 use parry3d_f64::transformation::try_convex_hull;
 
 use crate::collada;
+use crate::stl;
 use crate::triangle::{TRIANGLES_MAX, Triangle, ends};
 
 /// Largest mesh file \[bytes\].
@@ -68,11 +69,11 @@ pub(crate) fn load(path: &Path) -> Result<Vec<Triangle>, MeshFault> {
         return Err(no_mesh(remedy.into()));
     }
     let triangles = match extension.as_ref().and_then(|extension| extension.to_str()) {
-        Some("stl") => of_scene(mesh_loader::stl::from_slice(&bytes)),
+        Some("stl") => stl::triangles(&bytes),
         Some("obj") => {
             // Materials are not needed.
             let nothing = |_: &Path| io::Result::<Vec<u8>>::Err(io::ErrorKind::NotFound.into());
-            of_scene(mesh_loader::obj::from_slice(&bytes, None, nothing))
+            of_scene(mesh_loader::obj::from_slice(&joined(bytes), None, nothing))
         }
         Some("dae") => collada::triangles(&bytes),
         other => Err(format!(
@@ -116,8 +117,33 @@ pub(crate) fn checked(triangles: Vec<Triangle>) -> Result<Vec<Triangle>, MeshFau
     Ok(triangles)
 }
 
+/// An OBJ file in which lines of numbers that go on, by a `\` at their end, are joined. A `\` that
+/// ends a comment or a name, such as that of a folder, stays.
+fn joined(mut bytes: Vec<u8>) -> Vec<u8> {
+    if !bytes.contains(&b'\\') {
+        return bytes;
+    }
+    let mut goes_on = false;
+    let mut start = 0;
+    while let Some(length) = bytes.iter().skip(start).position(|byte| *byte == b'\n') {
+        let end = start + length;
+        let line = bytes[start..end].trim_ascii();
+        let word = line.split(u8::is_ascii_whitespace).next().unwrap_or(&[]);
+        let is_of_numbers =
+            goes_on || [&b"v"[..], b"vt", b"vn", b"vp", b"f", b"l", b"p"].contains(&word);
+        goes_on = is_of_numbers && line.ends_with(b"\\");
+        if goes_on {
+            // The `\` and all behind it.
+            let last = bytes[start..end].iter().rposition(|byte| *byte == b'\\').unwrap_or(0);
+            bytes[start + last..=end].fill(b' ');
+        }
+        start = end + 1;
+    }
+    bytes
+}
+
 /// All triangles of a scene. Each mesh numbers its own vertices.
-fn of_scene(scene: io::Result<Scene>) -> Result<Vec<Triangle>, String> {
+pub(crate) fn of_scene(scene: io::Result<Scene>) -> Result<Vec<Triangle>, String> {
     let mut triangles = Vec::new();
     for mesh in scene.map_err(|error| error.to_string())?.meshes {
         for face in &mesh.faces {

@@ -113,6 +113,74 @@ fn the_same_shape_is_read_from_every_format() {
     }
 }
 
+/// What is read of a file, and what is said where it is none.
+fn read(name: &str, content: impl AsRef<[u8]>) -> Result<Vec<Triangle>, String> {
+    let robot = Robot::new(&[&collision(name)]);
+    robot.file(name, content);
+    let mut cover = robot.cover(&Options { protrusion_m: 0.2, ..Options::default() });
+    let link = cover.links.remove(0);
+    link.missing.first().map_or(Ok(link.triangles), |missing| Err(missing.to_string()))
+}
+
+#[test]
+fn binary_stl_is_told_by_its_size_and_never_read_in_part() {
+    let plain = binary_stl(&shape());
+    let headed = |head: &[u8], count: u32| {
+        let mut bytes = plain.clone();
+        bytes[..head.len()].copy_from_slice(head);
+        bytes[80..84].copy_from_slice(&count.to_le_bytes());
+        bytes
+    };
+    for (case, content) in [
+        ("solid", headed(b"solid", 12)),
+        ("solid, facet", headed(b"solid name\nfacet normal 0 0 1\n", 12)),
+        ("followed", [plain.clone(), vec![0; 37]].concat()),
+        ("solid, followed", [headed(b"solid name\nfacet", 12), vec![b' '; 1000]].concat()),
+        ("number left out", headed(b"solid", 0)),
+        ("number not known", headed(b"", u32::MAX)),
+    ] {
+        assert_same(&read("a.stl", content).expect(case), &shape(), case);
+    }
+    for (content, found) in [
+        (plain[..plain.len() - 100].to_vec(), "found 10"),
+        (plain[..plain.len() - 1].to_vec(), "found 11"),
+        (headed(b"solid", 900), "found 12"),
+        (headed(b"solid name\nfacet normal", 900), "found 12"),
+        (vec![plain.clone(), vec![0; 5000]].concat(), "found 112"),
+    ] {
+        let told = read("a.stl", &content).unwrap_err();
+        let says = u32::from_le_bytes(content[80..84].try_into().unwrap());
+        let expected =
+            format!("expected binary STL of {says} triangles, as its head says, {found}");
+        assert!(told.contains(&expected), "{told}");
+    }
+    let told = read("a.stl", &plain[..50]).unwrap_err();
+    assert!(told.contains("expected STL of 84 bytes or more, found 50"), "{told}");
+}
+
+#[test]
+fn text_is_read_however_it_is_written() {
+    let upper = ascii_stl(&shape()).to_uppercase().replace('\n', "\r\n");
+    assert_same(&read("A.STL", upper).unwrap(), &shape(), "upper case");
+    for end in ["\n", "\r\n", " \n"] {
+        // Lines go on behind `\`, but not those of comments and names.
+        let lines = obj(&shape()).replace("//1 ", &format!("//1 \\{end}  "));
+        let lines = format!("# from C:\\meshes\\\nmtllib C:\\none\\\n{lines}");
+        assert_same(&read("a.obj", lines).unwrap(), &shape(), "continued");
+    }
+}
+
+#[test]
+fn comments_between_numbers_hide_none() {
+    let plain = dae("", INSTANCE, &shape(), |v| v);
+    let noted = plain
+        .replace("<p>0 0 1 0 ", "<p><!-- one -->0 0 <!-- two --> 1 0 ")
+        .replace("<vcount>3 ", "<vcount>3<!-- a --> ")
+        .replace("count=\"108\">-0.125 ", "count=\"108\"><!-- corners -->-0.125 <!-- x -->");
+    assert_eq!(noted.matches("<!--").count(), 5);
+    assert_same(&read("a.dae", noted).unwrap(), &shape(), "comments");
+}
+
 #[test]
 fn a_geometry_that_is_instanced_twice_is_there_twice() {
     let twice = "<node><instance_geometry url=\"#g\"/></node>\
