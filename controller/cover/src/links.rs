@@ -160,7 +160,13 @@ impl Description<'_> {
                 Shape::Mesh { filename, scale } => {
                     shapes.meshes += 1;
                     let placed = placement * DAffine3::from_scale(DVec3::from_array(*scale));
-                    match load(packages, folder, filename, &placed) {
+                    let loaded = match scale.contains(&0.0) {
+                        true => Err(MeshFault::ScaleZero {
+                            found: scale.map(|s| s.to_string()).join(" "),
+                        }),
+                        false => load(packages, folder, filename, &placed),
+                    };
+                    match loaded {
                         Ok(triangles) if hulls => {
                             shapes.triangles.extend(mesh::hull(&triangles).unwrap_or(triangles));
                         }

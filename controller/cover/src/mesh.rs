@@ -11,7 +11,7 @@ use parry3d_f64::transformation::try_convex_hull;
 
 use crate::collada;
 use crate::stl;
-use crate::triangle::{TRIANGLES_MAX, Triangle, ends};
+use crate::triangle::{TRIANGLES_MAX, Triangle, ends, has_area};
 
 /// Largest mesh file \[bytes\].
 const BYTES_MAX: u64 = 256 << 20;
@@ -35,6 +35,21 @@ pub enum MeshFault {
     /// It has no triangles.
     #[error("expected triangles, found none; export the mesh anew")]
     Empty,
+    /// Its triangles are lines and points.
+    #[error(
+        "expected triangles with an area, found {found} without one, lines or points; export the mesh anew, and \
+         look at its scale"
+    )]
+    NoArea {
+        /// How many there are.
+        found: usize,
+    },
+    /// The URDF makes it flat, or nothing.
+    #[error("expected a scale without a 0, found scale=\"{found}\" in its <mesh>; correct it")]
+    ScaleZero {
+        /// The scale.
+        found: String,
+    },
     /// It is not in metres.
     #[error(
         "expected a link smaller than {EXTENT_MAX_M} m, found {found} m; a mesh in millimetres needs \
@@ -92,7 +107,7 @@ pub(crate) fn load(path: &Path) -> Result<Vec<Triangle>, MeshFault> {
 ///
 /// # Errors
 ///
-/// [`MeshFault`]: a corner that is not finite, too many triangles, or a link larger than any.
+/// [`MeshFault`]: a corner that is not finite, too many triangles, none with an area, or a link larger than any.
 pub(crate) fn checked(triangles: Vec<Triangle>) -> Result<Vec<Triangle>, MeshFault> {
     if triangles.len() > TRIANGLES_MAX {
         let found = triangles.len();
@@ -111,8 +126,8 @@ pub(crate) fn checked(triangles: Vec<Triangle>) -> Result<Vec<Triangle>, MeshFau
     if extent > EXTENT_MAX_M {
         return Err(MeshFault::TooLarge { found: format!("{extent:.1}") });
     }
-    if extent <= 0.0 {
-        return Err(MeshFault::Empty);
+    if !triangles.iter().any(has_area) {
+        return Err(MeshFault::NoArea { found: triangles.len() });
     }
     Ok(triangles)
 }

@@ -263,6 +263,8 @@ fn what_is_no_mesh_is_named_for_what_it_is() {
     let bad_index = dae("", INSTANCE, &shape(), |v| v).replace("<p>0 0 ", "<p>999 0 ");
     let bad_number =
         dae("", INSTANCE, &shape(), |v| v).replace("count=\"108\">-", "count=\"108\">x");
+    let line = [[DVec3::ZERO, DVec3::X, DVec3::X * 0.5]; 2];
+    let no_unit = |metre| dae(&format!("<unit meter=\"{metre}\"/>"), INSTANCE, &shape(), |v| v);
     let deep = "<a>".repeat(40_000);
     for (name, content, parts) in [
         ("a.stl", lfs.as_bytes(), &["pointer of Git LFS", "git lfs pull"][..]),
@@ -270,7 +272,15 @@ fn what_is_no_mesh_is_named_for_what_it_is() {
         ("a.stl", b"solid nothing\nendsolid nothing\n", &["found none"]),
         ("a.stl", &cut[..cut.len() - 7], &["STL"]),
         ("a.stl", ascii_stl(&millimetres).as_bytes(), &["375.0 m", "scale=\"0.001 0.001 0.001\""]),
-        ("a.stl", ascii_stl(&[[DVec3::X; 3]]).as_bytes(), &["found none"]),
+        ("a.stl", ascii_stl(&[[DVec3::X; 3]]).as_bytes(), &["with an area, found 1 without"]),
+        ("a.stl", ascii_stl(&line).as_bytes(), &["with an area, found 2 without"]),
+        (
+            "a.dae",
+            no_unit("0").as_bytes(),
+            &["line 2, <unit>", "above 0 m as unit, found meter=\"0\""],
+        ),
+        ("a.dae", no_unit("-1").as_bytes(), &["found meter=\"-1\""]),
+        ("a.dae", no_unit("inf").as_bytes(), &["found meter=\"inf\""]),
         ("a.stl", ascii_stl(&[[DVec3::X, DVec3::NAN, DVec3::Y]]).as_bytes(), &["a.stl"]),
         ("a.obj", b"v 1 2 x\n", &["a.obj"]),
         ("a.obj", b"v 0 0 0\nf 1 2 3\n", &["a.obj"]),
@@ -292,6 +302,9 @@ fn what_is_no_mesh_is_named_for_what_it_is() {
         }
         assert!(told.contains(&format!("mesh `{name}`")), "{told}");
     }
+    let flat = Robot::new(&[&collision("a.stl").replace("/></geo", " scale=\"1 0 1\"/></geo")]);
+    flat.file("a.stl", ascii_stl(&shape()));
+    assert!(flat.fault().contains("without a 0, found scale=\"1 0 1\""), "{}", flat.fault());
     let missing = Robot::new(&[&collision("package://my_arm/a.stl")]).fault();
     assert!(
         missing.contains("not found") && missing.contains("--package my_arm=FOLDER"),
