@@ -87,6 +87,33 @@ fn a_channel_and_a_plate_are_not_filled() {
 }
 
 #[test]
+fn slivers_all_over_the_place_are_covered_in_no_time() {
+    // Nine metres by a micrometre each, along all three axes.
+    let sliver = |i: u32| {
+        let at = |k: u32| f64::from(i * k % 1009) / 1009.0 * 9.0;
+        let along = |x: f64, y: f64, z: f64| match i % 3 {
+            0 => DVec3::new(x, y, z),
+            1 => DVec3::new(y, z, x),
+            _ => DVec3::new(z, x, y),
+        };
+        let (y, z) = (at(37), at(101));
+        [along(0.0, y, z), along(9.0, y, z), along(9.0, y + 1e-6, z)]
+    };
+    let slivers: Vec<Triangle> = (0..2000).map(sliver).collect();
+    let begin = std::time::Instant::now();
+    let cover = Robot::of_mesh(&slivers).cover(&Options::default());
+    let seconds = begin.elapsed().as_secs_f64();
+    assert!(seconds < 60.0, "{seconds} s");
+    assert!(cover.links[0].missing.is_empty());
+    assert_covered(&cover.links[0]);
+    // So thin that no piece has an area of its own.
+    let thin = [[DVec3::ZERO, DVec3::X * 9.0, DVec3::new(9.0, 1e-12, 0.0)]];
+    let cover = Robot::of_mesh(&thin).cover(&Options::default());
+    assert!(cover.links[0].missing.is_empty() && cover.links[0].has_shape());
+    assert_covered(&cover.links[0]);
+}
+
+#[test]
 fn where_the_spheres_do_not_suffice_they_stick_out_farther_and_it_is_said() {
     let (triangles, distance) = elbow();
     let robot = Robot::new(&[&collision("a.stl"), &collision("b.stl")]);
