@@ -251,6 +251,51 @@ fn packages_are_found_by_name_by_root_and_above_the_robot() {
 }
 
 #[test]
+fn the_nearest_folder_above_of_the_name_is_the_package() {
+    let robot = Robot::new(&[&collision("package://foo/meshes/a.stl")]);
+    let moved = |size: f64| ascii_stl(&cuboid(DVec3::ZERO, DVec3::splat(size)));
+    // A folder of the package has its name too.
+    robot.file("ws/foo/urdf/foo/meshes/a.stl", moved(0.1));
+    robot.file("ws/foo/meshes/a.stl", moved(0.2));
+    robot.file("foo/meshes/a.stl", moved(0.3));
+    let urdf = robot.path().join("ws/foo/urdf/r.urdf");
+    std::fs::rename(&robot.urdf, &urdf).unwrap();
+    let size = || {
+        let options = Options { protrusion_m: 0.2, ..Options::default() };
+        let cover = cover(&urdf, None, &Packages::default(), &options).unwrap();
+        let [a, .., c] = cover.links[0].triangles[11];
+        a.max(c).max_element()
+    };
+    assert!((size() - 0.2).abs() < 1e-6, "{}", size());
+    std::fs::remove_file(robot.path().join("ws/foo/meshes/a.stl")).unwrap();
+    assert!((size() - 0.1).abs() < 1e-6, "{}", size());
+}
+
+#[test]
+fn urls_of_files_are_read_however_they_are_written() {
+    let there = tempfile::tempdir().unwrap();
+    std::fs::create_dir(there.path().join("a ü")).unwrap();
+    for name in ["a.stl", "a ü/b c.stl", "100%.stl", "d%20.stl"] {
+        std::fs::write(there.path().join(name), ascii_stl(&shape())).unwrap();
+    }
+    let folder = there.path().display();
+    for (url, is_found) in [
+        (format!("file://{folder}/a.stl"), true),
+        (format!("file://localhost{folder}/a.stl"), true),
+        (format!("file:{folder}/a.stl"), true),
+        (format!("file://{folder}/a%20%C3%BC/b%20c.stl"), true),
+        (format!("file://{folder}/a ü/b c.stl"), true),
+        (format!("file://{folder}/100%.stl"), true),
+        (format!("file://{folder}/d%20.stl"), true),
+        (format!("file://elsewhere{folder}/a.stl"), false),
+        (format!("file://{folder}/%ff%zz%2.stl"), false),
+    ] {
+        let cover = Robot::new(&[&collision(&url)]).cover(&Options::default());
+        assert_eq!(cover.links[0].missing.is_empty(), is_found, "{url}");
+    }
+}
+
+#[test]
 fn what_is_no_mesh_is_named_for_what_it_is() {
     let fault = |name: &str, content: &[u8]| {
         let robot = Robot::new(&[&collision(name)]);
