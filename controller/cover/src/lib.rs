@@ -193,9 +193,13 @@ pub fn cover_document(
     let Some(most) = options.spheres_max.checked_sub(fixed).filter(|most| *most >= surfaces.len())
     else {
         let least = fixed + surfaces.len();
+        let has_shape = |(link, surface): &(&LinkShapes, &Option<Coverable>)| {
+            surface.is_some() || !link.spheres.is_empty()
+        };
         return Err(CoverError::TooFewSpheres {
+            file: urdf.to_owned(),
             least,
-            links: links.len(),
+            links: links.iter().zip(&coverable).filter(has_shape).count(),
             found: options.spheres_max,
         });
     };

@@ -142,7 +142,19 @@ fn where_the_spheres_do_not_suffice_they_stick_out_farther_and_it_is_said() {
     assert!(before > 0.05);
     let options = Options { spheres_max: 1, ..Options::default() };
     let few = cover(&robot.urdf, None, &Packages::default(), &options).unwrap_err();
-    assert!(matches!(few, CoverError::TooFewSpheres { least: 2, links: 2, found: 1 }), "{few}");
+    assert!(matches!(few, CoverError::TooFewSpheres { least: 2, links: 2, found: 1, .. }), "{few}");
+    let few = few.to_string();
+    for part in ["robot.urdf`: expected", "up to 64: `--spheres 2`", "`--base LINK`"] {
+        assert!(few.contains(part), "{few}");
+    }
+    // More than an arm may have; a link without a shape is none of those with one.
+    let ball = "<collision><geometry><sphere radius=\"0.05\"/></geometry></collision>";
+    let many = Robot::new(&[&[ball; 65][..], &[""]].concat());
+    let many = cover(&many.urdf, None, &Packages::default(), &Options::default()).unwrap_err();
+    let many = many.to_string();
+    for part in ["at least 65 spheres for 65 links", "at most 64; where", "`--base LINK`"] {
+        assert!(many.contains(part) && !many.contains("--spheres"), "{many}");
+    }
 }
 
 #[test]
