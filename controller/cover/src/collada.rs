@@ -82,8 +82,17 @@ fn check_depth(text: &str) -> Result<()> {
 /// coordinates are those of the link whatever the file says, of the meshes of TIAGo that say `Y_UP` too.
 fn asset(root: Node) -> Result<DMat4> {
     let unit = children(root, "asset").flat_map(|asset| children(asset, "unit")).next();
-    let metre = unit.and_then(|unit| Some(number(unit, unit.attribute("meter")?)));
-    Ok(DMat4::from_scale(DVec3::splat(metre.transpose()?.unwrap_or(1.0))))
+    let Some((unit, text)) = unit.and_then(|unit| Some((unit, unit.attribute("meter")?))) else {
+        return Ok(DMat4::IDENTITY);
+    };
+    let metre: f64 = number(unit, text.trim_ascii())?;
+    if !(metre > 0.0 && metre.is_finite()) {
+        return Err(at(
+            unit,
+            &format!("expected a length above 0 m as unit, found meter=\"{metre}\""),
+        ));
+    }
+    Ok(DMat4::from_scale(DVec3::splat(metre)))
 }
 
 struct File<'a> {
@@ -285,9 +294,10 @@ fn children<'a>(node: Node<'a, 'a>, name: &'static str) -> impl Iterator<Item = 
     node.children().filter(move |child| child.has_tag_name_of(name))
 }
 
-/// The numbers that an element lists.
+/// The numbers that an element lists, also behind a comment.
 fn numbers<T: core::str::FromStr>(node: Node) -> Result<Vec<T>> {
-    node.text().unwrap_or("").split_ascii_whitespace().map(|text| number(node, text)).collect()
+    let texts = node.children().filter(Node::is_text).filter_map(|child| child.text());
+    texts.flat_map(str::split_ascii_whitespace).map(|text| number(node, text)).collect()
 }
 
 fn number<T: core::str::FromStr>(node: Node, text: &str) -> Result<T> {

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use tprmp_robot::CONTROL_POINT_CAPACITY;
+
 /// Why there is no cover at all.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CoverError {
@@ -39,9 +41,13 @@ pub enum CoverError {
     },
     /// So few spheres cover no arm.
     #[error(
-        "expected at least {least} spheres for {links} links with shapes, found {found}; give more, or fewer links"
+        "`{}`: expected at least {least} spheres for {links} links with shapes, found {found}; {}",
+        file.display(),
+        remedy(*least)
     )]
     TooFewSpheres {
+        /// The file.
+        file: PathBuf,
         /// One a link, and those that are spheres already.
         least: usize,
         /// Links with shapes.
@@ -49,4 +55,15 @@ pub enum CoverError {
         /// Spheres permitted.
         found: usize,
     },
+}
+
+/// What to do where so many spheres are the least.
+fn remedy(least: usize) -> String {
+    let fewer = "where more moves than the arm, as a torso, say where it begins: `--base LINK`";
+    if least > CONTROL_POINT_CAPACITY {
+        return format!(
+            "an arm has at most {CONTROL_POINT_CAPACITY}; {fewer}, and where it ends: `--tool LINK`"
+        );
+    }
+    format!("permit more, up to {CONTROL_POINT_CAPACITY}: `--spheres {least}`; {fewer}")
 }

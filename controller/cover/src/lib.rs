@@ -33,6 +33,7 @@ mod picture;
 mod primitives;
 mod solid;
 mod spheres;
+mod stl;
 mod text;
 mod triangle;
 
@@ -99,7 +100,8 @@ pub struct LinkCover {
     pub spheres: Vec<Sphere>,
     /// The spheres stick out of the shapes by no more than this \[m\].
     pub protrusion_m: f64,
-    /// Triangles of the shapes in the link's frame \[m\], for pictures and checks.
+    /// Triangles of the shapes in the link's frame \[m\], for pictures and checks: what is round lies inside them,
+    /// by no more than 1 % of its radius. Those around balls come last.
     pub triangles: Vec<[DVec3; 3]>,
     /// Where the link is in the base with all joints in the middle of their ranges, for pictures.
     pub placement: DAffine3,
@@ -191,9 +193,13 @@ pub fn cover_document(
     let Some(most) = options.spheres_max.checked_sub(fixed).filter(|most| *most >= surfaces.len())
     else {
         let least = fixed + surfaces.len();
+        let has_shape = |(link, surface): &(&LinkShapes, &Option<Coverable>)| {
+            surface.is_some() || !link.spheres.is_empty()
+        };
         return Err(CoverError::TooFewSpheres {
+            file: urdf.to_owned(),
             least,
-            links: links.len(),
+            links: links.iter().zip(&coverable).filter(has_shape).count(),
             found: options.spheres_max,
         });
     };
@@ -204,7 +210,8 @@ pub fn cover_document(
         .map(|(shapes, coverable)| {
             let found = coverable.as_ref().and_then(|_| covers.next());
             let (spheres, protrusion_m) = found.unwrap_or((Vec::new(), 0.0));
-            let LinkShapes { link, meshes, primitives, missing, triangles, .. } = shapes;
+            let LinkShapes { link, meshes, primitives, missing, mut triangles, .. } = shapes;
+            triangles.extend(shapes.balls);
             let spheres = shapes.spheres.into_iter().chain(spheres).collect();
             let placement = description.placement(&link, selection);
             LinkCover {

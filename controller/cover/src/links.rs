@@ -24,6 +24,8 @@ pub(crate) struct LinkShapes {
     pub(crate) triangles: Vec<Triangle>,
     /// Balls, which cover themselves.
     pub(crate) spheres: Vec<Sphere>,
+    /// Around these balls: not to be covered, but to be seen and met.
+    pub(crate) balls: Vec<Triangle>,
     /// The triangles of round primitives lie outside them by so much at most \[m\].
     pub(crate) excess: f64,
 }
@@ -150,12 +152,21 @@ impl Description<'_> {
                     add(primitives::capsule(*radius, *length), *radius);
                 }
                 Shape::Sphere { radius } => {
-                    shapes.spheres.push(Sphere { centre: placement.translation, radius: *radius });
+                    let centre = placement.translation;
+                    let around = primitives::ball(*radius).into_iter();
+                    shapes.balls.extend(around.map(|t| t.map(|corner| corner + centre)));
+                    shapes.spheres.push(Sphere { centre, radius: *radius });
                 }
                 Shape::Mesh { filename, scale } => {
                     shapes.meshes += 1;
                     let placed = placement * DAffine3::from_scale(DVec3::from_array(*scale));
-                    match load(packages, folder, filename, &placed) {
+                    let loaded = match scale.contains(&0.0) {
+                        true => Err(MeshFault::ScaleZero {
+                            found: scale.map(|s| s.to_string()).join(" "),
+                        }),
+                        false => load(packages, folder, filename, &placed),
+                    };
+                    match loaded {
                         Ok(triangles) if hulls => {
                             shapes.triangles.extend(mesh::hull(&triangles).unwrap_or(triangles));
                         }

@@ -10,7 +10,8 @@ use parry3d_f64::math::Vector;
 use parry3d_f64::transformation::try_convex_hull;
 
 use crate::collada;
-use crate::triangle::{TRIANGLES_MAX, Triangle, ends};
+use crate::stl;
+use crate::triangle::{TRIANGLES_MAX, Triangle, ends, has_area};
 
 /// Largest mesh file \[bytes\].
 const BYTES_MAX: u64 = 256 << 20;
@@ -34,6 +35,21 @@ pub enum MeshFault {
     /// It has no triangles.
     #[error("expected triangles, found none; export the mesh anew")]
     Empty,
+    /// Its triangles are lines and points.
+    #[error(
+        "expected triangles with an area, found {found} without one, lines or points; export the mesh anew, and \
+         look at its scale"
+    )]
+    NoArea {
+        /// How many there are.
+        found: usize,
+    },
+    /// The URDF makes it flat, or nothing.
+    #[error("expected a scale without a 0, found scale=\"{found}\" in its <mesh>; correct it")]
+    ScaleZero {
+        /// The scale.
+        found: String,
+    },
     /// It is not in metres.
     #[error(
         "expected a link smaller than {EXTENT_MAX_M} m, found {found} m; a mesh in millimetres needs \
@@ -68,11 +84,11 @@ pub(crate) fn load(path: &Path) -> Result<Vec<Triangle>, MeshFault> {
         return Err(no_mesh(remedy.into()));
     }
     let triangles = match extension.as_ref().and_then(|extension| extension.to_str()) {
-        Some("stl") => of_scene(mesh_loader::stl::from_slice(&bytes)),
+        Some("stl") => stl::triangles(&bytes),
         Some("obj") => {
             // Materials are not needed.
             let nothing = |_: &Path| io::Result::<Vec<u8>>::Err(io::ErrorKind::NotFound.into());
-            of_scene(mesh_loader::obj::from_slice(&bytes, None, nothing))
+            of_scene(mesh_loader::obj::from_slice(&joined(bytes), None, nothing))
         }
         Some("dae") => collada::triangles(&bytes),
         other => Err(format!(
@@ -91,7 +107,7 @@ pub(crate) fn load(path: &Path) -> Result<Vec<Triangle>, MeshFault> {
 ///
 /// # Errors
 ///
-/// [`MeshFault`]: a corner that is not finite, too many triangles, or a link larger than any.
+/// [`MeshFault`]: a corner that is not finite, too many triangles, none with an area, or a link larger than any.
 pub(crate) fn checked(triangles: Vec<Triangle>) -> Result<Vec<Triangle>, MeshFault> {
     if triangles.len() > TRIANGLES_MAX {
         let found = triangles.len();
@@ -110,14 +126,39 @@ pub(crate) fn checked(triangles: Vec<Triangle>) -> Result<Vec<Triangle>, MeshFau
     if extent > EXTENT_MAX_M {
         return Err(MeshFault::TooLarge { found: format!("{extent:.1}") });
     }
-    if extent <= 0.0 {
-        return Err(MeshFault::Empty);
+    if !triangles.iter().any(has_area) {
+        return Err(MeshFault::NoArea { found: triangles.len() });
     }
     Ok(triangles)
 }
 
+/// An OBJ file in which lines of numbers that go on, by a `\` at their end, are joined. A `\` that
+/// ends a comment or a name, such as that of a folder, stays.
+fn joined(mut bytes: Vec<u8>) -> Vec<u8> {
+    if !bytes.contains(&b'\\') {
+        return bytes;
+    }
+    let mut goes_on = false;
+    let mut start = 0;
+    while let Some(length) = bytes.iter().skip(start).position(|byte| *byte == b'\n') {
+        let end = start + length;
+        let line = bytes[start..end].trim_ascii();
+        let word = line.split(u8::is_ascii_whitespace).next().unwrap_or(&[]);
+        let is_of_numbers =
+            goes_on || [&b"v"[..], b"vt", b"vn", b"vp", b"f", b"l", b"p"].contains(&word);
+        goes_on = is_of_numbers && line.ends_with(b"\\");
+        if goes_on {
+            // The `\` and all behind it.
+            let last = bytes[start..end].iter().rposition(|byte| *byte == b'\\').unwrap_or(0);
+            bytes[start + last..=end].fill(b' ');
+        }
+        start = end + 1;
+    }
+    bytes
+}
+
 /// All triangles of a scene. Each mesh numbers its own vertices.
-fn of_scene(scene: io::Result<Scene>) -> Result<Vec<Triangle>, String> {
+pub(crate) fn of_scene(scene: io::Result<Scene>) -> Result<Vec<Triangle>, String> {
     let mut triangles = Vec::new();
     for mesh in scene.map_err(|error| error.to_string())?.meshes {
         for face in &mesh.faces {

@@ -26,8 +26,8 @@ impl Packages {
 
     /// The file that `filename` names in the URDF of a folder.
     ///
-    /// A package is looked for by its name, then in the roots, then in the folders above the URDF: one of that
-    /// name, or one that has a child of that name. Other names are relative to the folder of the URDF.
+    /// A package is looked for by its name, then in the roots, then among the folders above the URDF: one of that
+    /// name, the nearest first, or else a child of that name. Other names are relative to the folder of the URDF.
     pub(crate) fn resolve(&self, folder: &Path, filename: &str) -> Result<PathBuf, MeshFault> {
         let (package, candidates) = self.candidates(folder, filename);
         if let Some(found) = candidates.iter().find(|path| path.is_file()) {
@@ -50,8 +50,10 @@ impl Packages {
 
     /// Where the file can be, the likeliest first, and the name of its package.
     fn candidates<'a>(&self, folder: &Path, filename: &'a str) -> (Option<&'a str>, Vec<PathBuf>) {
-        if let Some(path) = filename.strip_prefix("file://") {
-            return (None, vec![folder.join(path)]);
+        if let Some(path) = file_url(filename) {
+            // What is escaped is meant as a character, unless a file is named so.
+            let plain = unescaped(path).map(|path| folder.join(path));
+            return (None, plain.into_iter().chain([folder.join(path)]).collect());
         }
         let inside =
             filename.strip_prefix("package://").or_else(|| filename.strip_prefix("model://"));
@@ -71,10 +73,40 @@ impl Packages {
             folders.extend((root.file_name() == Some(name.as_ref())).then(|| root.clone()));
         }
         let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-        for above in absolute.ancestors() {
-            folders.extend((above.file_name() == Some(name.as_ref())).then(|| above.to_owned()));
-            folders.push(above.join(name));
-        }
+        let is_it = |above: &&Path| above.file_name() == Some(name.as_ref());
+        folders.extend(absolute.ancestors().filter(is_it).map(Path::to_owned));
+        folders.extend(absolute.ancestors().map(|above| above.join(name)));
         (Some(name), folders.into_iter().map(|folder| folder.join(path)).collect())
     }
+}
+
+/// The path of a URL of a file on this machine.
+fn file_url(name: &str) -> Option<&str> {
+    let rest = name.strip_prefix("file:")?;
+    match rest.strip_prefix("//") {
+        // The host may be named.
+        Some(path) => {
+            Some(path.strip_prefix("localhost").filter(|p| p.starts_with('/')).unwrap_or(path))
+        }
+        None => rest.starts_with('/').then_some(rest),
+    }
+}
+
+/// A path with its escapes, as `%20`, read as the bytes they stand for; `None` where there are none.
+fn unescaped(path: &str) -> Option<String> {
+    let mut parts = path.split('%');
+    let mut bytes = parts.next()?.as_bytes().to_vec();
+    let mut is_changed = false;
+    for part in parts {
+        let digits = part.get(..2).filter(|two| two.bytes().all(|byte| byte.is_ascii_hexdigit()));
+        match digits.and_then(|two| u8::from_str_radix(two, 16).ok()) {
+            Some(byte) => {
+                bytes.push(byte);
+                bytes.extend(part.bytes().skip(2));
+                is_changed = true;
+            }
+            None => bytes.extend([b"%", part.as_bytes()].concat()),
+        }
+    }
+    is_changed.then(|| String::from_utf8(bytes).ok()).flatten()
 }

@@ -1,4 +1,4 @@
-//! Boxes, cylinders and capsules as triangles, around them rather than inside.
+//! Boxes, cylinders, capsules and balls as triangles, around them rather than inside.
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -49,6 +49,11 @@ pub(crate) fn capsule(radius: f64, length: f64) -> Vec<Triangle> {
     lathe(&below.chain(above).collect::<Vec<_>>())
 }
 
+/// A ball \[m\].
+pub(crate) fn ball(radius: f64) -> Vec<Triangle> {
+    capsule(radius, 0.0)
+}
+
 /// What a profile (distance from z, height) makes when it goes around z.
 fn lathe(profile: &[DVec2]) -> Vec<Triangle> {
     let at = |p: DVec2, side: usize| {
@@ -68,6 +73,9 @@ fn lathe(profile: &[DVec2]) -> Vec<Triangle> {
         }
     }
     // At the axis one of the two has no area.
-    triangles.retain(|[a, b, c]| (*b - *a).cross(*c - *a).length_squared() > 1e-24);
+    triangles.retain(|[a, b, c]| {
+        let longest = (*b - *a).length_squared().max((*c - *a).length_squared());
+        (*b - *a).cross(*c - *a).length_squared() > 1e-24 * longest * longest
+    });
     triangles
 }

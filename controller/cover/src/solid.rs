@@ -9,7 +9,7 @@ use glam::{DVec3, IVec3};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::TriMesh;
 
-use crate::triangle::{Triangle, ends};
+use crate::triangle::{Triangle, ends, has_area};
 
 /// About so many nodes has the grid.
 const NODES: f64 = 80_000.0;
@@ -44,8 +44,7 @@ impl Solid {
         let inside = grid.inside(&crossings);
         let outer: Vec<_> = triangles.iter().filter(|t| grid.touches_outside(t, &inside)).collect();
         let outer = if outer.is_empty() { triangles.iter().collect() } else { outer };
-        let has_area = |t: &&&Triangle| (t[1] - t[0]).cross(t[2] - t[0]).length_squared() > 1e-24;
-        let mut vertices: Vec<_> = outer.iter().filter(has_area).flat_map(|t| **t).collect();
+        let mut vertices: Vec<_> = outer.iter().filter(|t| has_area(t)).flat_map(|t| **t).collect();
         vertices.extend(grid.openings(&crossings, &inside).into_iter().flatten());
         let faces = (0..vertices.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         Some(Self { outer: TriMesh::new(vertices, faces).ok()?, grid, inside })

@@ -10,6 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use glam::DVec3;
 
+use crate::primitives::cuboid;
 use crate::solid::{Centre, Solid};
 use crate::triangle::{Triangle, ends};
 
@@ -19,6 +20,10 @@ const PATCHES: f64 = 2400.0;
 const PATCH_MIN_M: f64 = 0.003;
 /// Slivers are cut into no more than about so many pieces.
 const CUTS_MAX: f64 = 4e6;
+/// Cutting adds no more pieces than this: to usual links it adds a third of that.
+const PIECES_MAX: usize = 300_000;
+/// No link has more patches than this; usual ones have half as many.
+const PATCHES_MAX: usize = 6000;
 /// So many centres are chosen from.
 const CENTRES_MAX: usize = 3000;
 /// Rounds in which centres and patches are assigned to each other.
@@ -50,8 +55,21 @@ pub(crate) struct Coverable {
 }
 
 impl Coverable {
-    /// Cuts the surface of a link into patches. `None` where it has no area.
+    /// Cuts the surface of a link into patches. `None` where it has no triangles.
     pub(crate) fn new(triangles: &[Triangle], excess: f64) -> Option<Self> {
+        Self::of_surface(triangles, excess).or_else(|| {
+            // Too thin to have an area: the box around it has one.
+            let (low, high) = ends(triangles.iter().flatten().copied());
+            let size = (high - low) + 2.0 * DIGIT_M;
+            let around = cuboid(size).into_iter();
+            let around: Vec<_> =
+                around.map(|t| t.map(|corner| corner + (low + high) / 2.0)).collect();
+            size.is_finite().then(|| Self::of_surface(&around, excess + size.length())).flatten()
+        })
+    }
+
+    /// `None` where the surface has no area.
+    fn of_surface(triangles: &[Triangle], excess: f64) -> Option<Self> {
         let (patches, cut) = patches(triangles);
         let solid = Solid::new(&cut)?;
         let medial = solid.medial_centres();
@@ -265,11 +283,28 @@ fn patches(triangles: &[Triangle]) -> (Vec<Vec<DVec3>>, Vec<Triangle>) {
     };
     let perimeter: f64 =
         triangles.iter().map(|[a, b, c]| a.distance(*b) + b.distance(*c) + c.distance(*a)).sum();
-    let size =
+    let mut size =
         (total / PATCHES).sqrt().max(longest / PATCHES).max(perimeter / CUTS_MAX).max(PATCH_MIN_M);
+    // Slivers all over the place: coarser, as long as they would take too long. No size is beyond the longest side.
+    while size <= 2.0 * longest {
+        let found = cut(triangles, size).map(|cut| (gathered(&cut, size), cut));
+        match found {
+            Some((patches, cut)) if patches.len() <= PATCHES_MAX => return (patches, cut),
+            _ => size *= 1.5,
+        }
+    }
+    (gathered(triangles, size), triangles.iter().rev().copied().collect())
+}
+
+/// Triangles none of whose sides is longer than a size \[m\]; `None` where they are too many.
+fn cut(triangles: &[Triangle], size: f64) -> Option<Vec<Triangle>> {
+    let most = triangles.len() + PIECES_MAX;
     let mut cut = Vec::with_capacity(triangles.len());
     let mut open = triangles.to_vec();
     while let Some([a, b, c]) = open.pop() {
+        if cut.len() + open.len() > most {
+            return None;
+        }
         let sides = [a.distance(b), b.distance(c), c.distance(a)];
         let most = sides.into_iter().fold(0.0, f64::max);
         if most <= size {
@@ -287,8 +322,13 @@ fn patches(triangles: &[Triangle]) -> (Vec<Vec<DVec3>>, Vec<Triangle>) {
             open.extend([[a, half, c], [half, b, c]]);
         }
     }
+    Some(cut)
+}
+
+/// Triangles by where they are: the corners of those in each cell of a size \[m\].
+fn gathered(cut: &[Triangle], size: f64) -> Vec<Vec<DVec3>> {
     let mut cells: BTreeMap<[i32; 3], BTreeSet<[u64; 3]>> = BTreeMap::new();
-    for triangle in &cut {
+    for triangle in cut {
         let cell = (middle(triangle) / size).floor().as_ivec3().to_array();
         cells
             .entry(cell)
@@ -298,5 +338,5 @@ fn patches(triangles: &[Triangle]) -> (Vec<Vec<DVec3>>, Vec<Triangle>) {
     let points = |set: BTreeSet<[u64; 3]>| {
         set.into_iter().map(|bits| DVec3::from_array(bits.map(f64::from_bits)))
     };
-    (cells.into_values().map(|set| points(set).collect()).collect(), cut)
+    cells.into_values().map(|set| points(set).collect()).collect()
 }

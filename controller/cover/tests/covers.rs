@@ -5,7 +5,7 @@ use crate::common::{
     tube,
 };
 use glam::DVec3;
-use tprmp_cover::{CoverError, Options, Packages, cover};
+use tprmp_cover::{CoverError, LinkMeshes, Options, Packages, cover};
 use tprmp_robot::Selection;
 use tprmp_spatial::Pose;
 
@@ -87,6 +87,33 @@ fn a_channel_and_a_plate_are_not_filled() {
 }
 
 #[test]
+fn slivers_all_over_the_place_are_covered_in_no_time() {
+    // Nine metres by a micrometre each, along all three axes.
+    let sliver = |i: u32| {
+        let at = |k: u32| f64::from(i * k % 1009) / 1009.0 * 9.0;
+        let along = |x: f64, y: f64, z: f64| match i % 3 {
+            0 => DVec3::new(x, y, z),
+            1 => DVec3::new(y, z, x),
+            _ => DVec3::new(z, x, y),
+        };
+        let (y, z) = (at(37), at(101));
+        [along(0.0, y, z), along(9.0, y, z), along(9.0, y + 1e-6, z)]
+    };
+    let slivers: Vec<Triangle> = (0..2000).map(sliver).collect();
+    let begin = std::time::Instant::now();
+    let cover = Robot::of_mesh(&slivers).cover(&Options::default());
+    let seconds = begin.elapsed().as_secs_f64();
+    assert!(seconds < 60.0, "{seconds} s");
+    assert!(cover.links[0].missing.is_empty());
+    assert_covered(&cover.links[0]);
+    // So thin that no piece has an area of its own.
+    let thin = [[DVec3::ZERO, DVec3::X * 9.0, DVec3::new(9.0, 1e-12, 0.0)]];
+    let cover = Robot::of_mesh(&thin).cover(&Options::default());
+    assert!(cover.links[0].missing.is_empty() && cover.links[0].has_shape());
+    assert_covered(&cover.links[0]);
+}
+
+#[test]
 fn where_the_spheres_do_not_suffice_they_stick_out_farther_and_it_is_said() {
     let (triangles, distance) = elbow();
     let robot = Robot::new(&[&collision("a.stl"), &collision("b.stl")]);
@@ -115,7 +142,19 @@ fn where_the_spheres_do_not_suffice_they_stick_out_farther_and_it_is_said() {
     assert!(before > 0.05);
     let options = Options { spheres_max: 1, ..Options::default() };
     let few = cover(&robot.urdf, None, &Packages::default(), &options).unwrap_err();
-    assert!(matches!(few, CoverError::TooFewSpheres { least: 2, links: 2, found: 1 }), "{few}");
+    assert!(matches!(few, CoverError::TooFewSpheres { least: 2, links: 2, found: 1, .. }), "{few}");
+    let few = few.to_string();
+    for part in ["robot.urdf`: expected", "up to 64: `--spheres 2`", "`--base LINK`"] {
+        assert!(few.contains(part), "{few}");
+    }
+    // More than an arm may have; a link without a shape is none of those with one.
+    let ball = "<collision><geometry><sphere radius=\"0.05\"/></geometry></collision>";
+    let many = Robot::new(&[&[ball; 65][..], &[""]].concat());
+    let many = cover(&many.urdf, None, &Packages::default(), &Options::default()).unwrap_err();
+    let many = many.to_string();
+    for part in ["at least 65 spheres for 65 links", "at most 64; where", "`--base LINK`"] {
+        assert!(many.contains(part) && !many.contains("--spheres"), "{many}");
+    }
 }
 
 #[test]
@@ -227,6 +266,95 @@ fn links_touch_where_their_shapes_do_and_not_where_their_spheres_do() {
     let touch = |m| meshes.touch((arm, &at(0.0)), (tool, &at(m)));
     // The cup is in the arm's end, 5 mm beside its side of 60 mm radius, and far away.
     assert!(touch(0.0) && !touch(0.5));
+}
+
+/// Two links of one shape each, at their frames.
+fn pair(shapes: [&str; 2]) -> Robot {
+    let shape = |text: &str| format!("<collision><geometry>{text}</geometry></collision>");
+    Robot::new(&shapes.map(shape).each_ref().map(String::as_str))
+}
+
+/// The shapes of its links. As few spheres as are quick to find.
+fn meshes(robot: &Robot) -> LinkMeshes {
+    robot.cover(&Options { protrusion_m: 0.2, ..Options::default() }).meshes()
+}
+
+/// Whether the two links touch, the second so far along x from the first [m].
+fn touch_at(meshes: &LinkMeshes, x: f64) -> bool {
+    let at = |x| Pose { position: DVec3::X * x, ..Pose::IDENTITY };
+    let found = meshes.touch((0, &at(0.0)), (1, &at(x)));
+    assert_eq!(found, meshes.touch((1, &at(x)), (0, &at(0.0))), "{x}: the other way around");
+    found
+}
+
+#[test]
+fn balls_touch_where_they_meet() {
+    for shapes in [
+        ["<sphere radius=\"0.11\"/>", "<sphere radius=\"0.09\"/>"],
+        ["<sphere radius=\"0.11\"/>", "<box size=\"0.18 0.01 0.01\"/>"],
+    ] {
+        let meshes = meshes(&pair(shapes));
+        assert!(touch_at(&meshes, 0.199) && touch_at(&meshes, -0.1999), "{shapes:?}");
+        assert!(!touch_at(&meshes, 0.203), "{shapes:?}: more than 1 % apart");
+    }
+    let link = &pair(["<sphere radius=\"0.11\"/>", "<box size=\"0.1 0.1 0.1\"/>"])
+        .cover(&Options::default())
+        .links[0];
+    assert_eq!(link.spheres.len(), 1, "it is not covered twice");
+    for corner in link.triangles.iter().flatten() {
+        assert!((0.11..=0.1111).contains(&corner.length()), "{corner}");
+    }
+    for [a, b, c] in &link.triangles {
+        let nearest = (*b - *a).cross(*c - *a).normalize().dot(*a).abs();
+        assert!(nearest >= 0.11 - 1e-12, "{a} {b} {c}: cuts the ball");
+    }
+}
+
+#[test]
+fn a_shape_inside_another_touches_it() {
+    for shapes in [
+        ["<sphere radius=\"0.2\"/>", "<sphere radius=\"0.05\"/>"],
+        ["<box size=\"0.4 0.4 0.4\"/>", "<cylinder radius=\"0.05\" length=\"0.1\"/>"],
+    ] {
+        let meshes = meshes(&pair(shapes));
+        assert!([0.0, 0.04, -0.1, 0.2].into_iter().all(|x| touch_at(&meshes, x)), "{shapes:?}");
+        assert!(!touch_at(&meshes, 0.26), "{shapes:?}");
+    }
+    // A housing that is closed, open where it ends, inside out, drawn from both sides, of overlapping parts one of
+    // which is inside out.
+    let closed = tube(0.1, 0.4, true);
+    let flipped: Vec<_> = closed.iter().map(|[a, b, c]| [*a, *c, *b]).collect();
+    let block = cuboid(DVec3::new(-0.07, -0.07, 0.1), DVec3::new(0.07, 0.07, 0.3));
+    let inner = cuboid(DVec3::new(-0.02, -0.02, 0.17), DVec3::new(0.02, 0.02, 0.23));
+    for (case, housing) in [
+        ("open", tube(0.1, 0.4, false)),
+        ("both", [closed.clone(), flipped.clone()].concat()),
+        ("overlapping", [flipped.clone(), block].concat()),
+        ("closed", closed),
+        ("flipped", flipped),
+    ] {
+        // What lies inside is not all there is of its link.
+        let far: Vec<_> = inner.iter().map(|t| t.map(|p| p + DVec3::Y)).collect();
+        let robot = Robot::new(&[&collision("a.stl"), &collision("b.stl")]);
+        robot.file("a.stl", ascii_stl(&housing));
+        robot.file("b.stl", ascii_stl(&[far, inner.clone()].concat()));
+        let meshes = meshes(&robot);
+        assert!(touch_at(&meshes, 0.0) && touch_at(&meshes, 0.03), "{case}");
+        assert!(!touch_at(&meshes, 0.13) && !touch_at(&meshes, -0.5), "{case}");
+    }
+    // In the bore of a thick tube there is room.
+    let walls = [
+        [DVec3::new(-0.1, -0.1, 0.0), DVec3::new(0.1, -0.05, 0.4)],
+        [DVec3::new(-0.1, 0.05, 0.0), DVec3::new(0.1, 0.1, 0.4)],
+        [DVec3::new(-0.1, -0.1, 0.0), DVec3::new(-0.05, 0.1, 0.4)],
+        [DVec3::new(0.05, -0.1, 0.0), DVec3::new(0.1, 0.1, 0.4)],
+    ];
+    let walls: Vec<_> = walls.iter().flat_map(|[low, high]| cuboid(*low, *high)).collect();
+    let robot = Robot::new(&[&collision("a.stl"), &collision("b.stl")]);
+    robot.file("a.stl", ascii_stl(&walls));
+    robot.file("b.stl", ascii_stl(&inner));
+    let meshes = meshes(&robot);
+    assert!(!touch_at(&meshes, 0.0) && touch_at(&meshes, 0.04));
 }
 
 #[test]

@@ -113,6 +113,74 @@ fn the_same_shape_is_read_from_every_format() {
     }
 }
 
+/// What is read of a file, and what is said where it is none.
+fn read(name: &str, content: impl AsRef<[u8]>) -> Result<Vec<Triangle>, String> {
+    let robot = Robot::new(&[&collision(name)]);
+    robot.file(name, content);
+    let mut cover = robot.cover(&Options { protrusion_m: 0.2, ..Options::default() });
+    let link = cover.links.remove(0);
+    link.missing.first().map_or(Ok(link.triangles), |missing| Err(missing.to_string()))
+}
+
+#[test]
+fn binary_stl_is_told_by_its_size_and_never_read_in_part() {
+    let plain = binary_stl(&shape());
+    let headed = |head: &[u8], count: u32| {
+        let mut bytes = plain.clone();
+        bytes[..head.len()].copy_from_slice(head);
+        bytes[80..84].copy_from_slice(&count.to_le_bytes());
+        bytes
+    };
+    for (case, content) in [
+        ("solid", headed(b"solid", 12)),
+        ("solid, facet", headed(b"solid name\nfacet normal 0 0 1\n", 12)),
+        ("followed", [plain.clone(), vec![0; 37]].concat()),
+        ("solid, followed", [headed(b"solid name\nfacet", 12), vec![b' '; 1000]].concat()),
+        ("number left out", headed(b"solid", 0)),
+        ("number not known", headed(b"", u32::MAX)),
+    ] {
+        assert_same(&read("a.stl", content).expect(case), &shape(), case);
+    }
+    for (content, found) in [
+        (plain[..plain.len() - 100].to_vec(), "found 10"),
+        (plain[..plain.len() - 1].to_vec(), "found 11"),
+        (headed(b"solid", 900), "found 12"),
+        (headed(b"solid name\nfacet normal", 900), "found 12"),
+        (vec![plain.clone(), vec![0; 5000]].concat(), "found 112"),
+    ] {
+        let told = read("a.stl", &content).unwrap_err();
+        let says = u32::from_le_bytes(content[80..84].try_into().unwrap());
+        let expected =
+            format!("expected binary STL of {says} triangles, as its head says, {found}");
+        assert!(told.contains(&expected), "{told}");
+    }
+    let told = read("a.stl", &plain[..50]).unwrap_err();
+    assert!(told.contains("expected STL of 84 bytes or more, found 50"), "{told}");
+}
+
+#[test]
+fn text_is_read_however_it_is_written() {
+    let upper = ascii_stl(&shape()).to_uppercase().replace('\n', "\r\n");
+    assert_same(&read("A.STL", upper).unwrap(), &shape(), "upper case");
+    for end in ["\n", "\r\n", " \n"] {
+        // Lines go on behind `\`, but not those of comments and names.
+        let lines = obj(&shape()).replace("//1 ", &format!("//1 \\{end}  "));
+        let lines = format!("# from C:\\meshes\\\nmtllib C:\\none\\\n{lines}");
+        assert_same(&read("a.obj", lines).unwrap(), &shape(), "continued");
+    }
+}
+
+#[test]
+fn comments_between_numbers_hide_none() {
+    let plain = dae("", INSTANCE, &shape(), |v| v);
+    let noted = plain
+        .replace("<p>0 0 1 0 ", "<p><!-- one -->0 0 <!-- two --> 1 0 ")
+        .replace("<vcount>3 ", "<vcount>3<!-- a --> ")
+        .replace("count=\"108\">-0.125 ", "count=\"108\"><!-- corners -->-0.125 <!-- x -->");
+    assert_eq!(noted.matches("<!--").count(), 5);
+    assert_same(&read("a.dae", noted).unwrap(), &shape(), "comments");
+}
+
 #[test]
 fn a_geometry_that_is_instanced_twice_is_there_twice() {
     let twice = "<node><instance_geometry url=\"#g\"/></node>\
@@ -183,6 +251,51 @@ fn packages_are_found_by_name_by_root_and_above_the_robot() {
 }
 
 #[test]
+fn the_nearest_folder_above_of_the_name_is_the_package() {
+    let robot = Robot::new(&[&collision("package://foo/meshes/a.stl")]);
+    let moved = |size: f64| ascii_stl(&cuboid(DVec3::ZERO, DVec3::splat(size)));
+    // A folder of the package has its name too.
+    robot.file("ws/foo/urdf/foo/meshes/a.stl", moved(0.1));
+    robot.file("ws/foo/meshes/a.stl", moved(0.2));
+    robot.file("foo/meshes/a.stl", moved(0.3));
+    let urdf = robot.path().join("ws/foo/urdf/r.urdf");
+    std::fs::rename(&robot.urdf, &urdf).unwrap();
+    let size = || {
+        let options = Options { protrusion_m: 0.2, ..Options::default() };
+        let cover = cover(&urdf, None, &Packages::default(), &options).unwrap();
+        let [a, .., c] = cover.links[0].triangles[11];
+        a.max(c).max_element()
+    };
+    assert!((size() - 0.2).abs() < 1e-6, "{}", size());
+    std::fs::remove_file(robot.path().join("ws/foo/meshes/a.stl")).unwrap();
+    assert!((size() - 0.1).abs() < 1e-6, "{}", size());
+}
+
+#[test]
+fn urls_of_files_are_read_however_they_are_written() {
+    let there = tempfile::tempdir().unwrap();
+    std::fs::create_dir(there.path().join("a ü")).unwrap();
+    for name in ["a.stl", "a ü/b c.stl", "100%.stl", "d%20.stl"] {
+        std::fs::write(there.path().join(name), ascii_stl(&shape())).unwrap();
+    }
+    let folder = there.path().display();
+    for (url, is_found) in [
+        (format!("file://{folder}/a.stl"), true),
+        (format!("file://localhost{folder}/a.stl"), true),
+        (format!("file:{folder}/a.stl"), true),
+        (format!("file://{folder}/a%20%C3%BC/b%20c.stl"), true),
+        (format!("file://{folder}/a ü/b c.stl"), true),
+        (format!("file://{folder}/100%.stl"), true),
+        (format!("file://{folder}/d%20.stl"), true),
+        (format!("file://elsewhere{folder}/a.stl"), false),
+        (format!("file://{folder}/%ff%zz%2.stl"), false),
+    ] {
+        let cover = Robot::new(&[&collision(&url)]).cover(&Options::default());
+        assert_eq!(cover.links[0].missing.is_empty(), is_found, "{url}");
+    }
+}
+
+#[test]
 fn what_is_no_mesh_is_named_for_what_it_is() {
     let fault = |name: &str, content: &[u8]| {
         let robot = Robot::new(&[&collision(name)]);
@@ -195,6 +308,8 @@ fn what_is_no_mesh_is_named_for_what_it_is() {
     let bad_index = dae("", INSTANCE, &shape(), |v| v).replace("<p>0 0 ", "<p>999 0 ");
     let bad_number =
         dae("", INSTANCE, &shape(), |v| v).replace("count=\"108\">-", "count=\"108\">x");
+    let line = [[DVec3::ZERO, DVec3::X, DVec3::X * 0.5]; 2];
+    let no_unit = |metre| dae(&format!("<unit meter=\"{metre}\"/>"), INSTANCE, &shape(), |v| v);
     let deep = "<a>".repeat(40_000);
     for (name, content, parts) in [
         ("a.stl", lfs.as_bytes(), &["pointer of Git LFS", "git lfs pull"][..]),
@@ -202,7 +317,15 @@ fn what_is_no_mesh_is_named_for_what_it_is() {
         ("a.stl", b"solid nothing\nendsolid nothing\n", &["found none"]),
         ("a.stl", &cut[..cut.len() - 7], &["STL"]),
         ("a.stl", ascii_stl(&millimetres).as_bytes(), &["375.0 m", "scale=\"0.001 0.001 0.001\""]),
-        ("a.stl", ascii_stl(&[[DVec3::X; 3]]).as_bytes(), &["found none"]),
+        ("a.stl", ascii_stl(&[[DVec3::X; 3]]).as_bytes(), &["with an area, found 1 without"]),
+        ("a.stl", ascii_stl(&line).as_bytes(), &["with an area, found 2 without"]),
+        (
+            "a.dae",
+            no_unit("0").as_bytes(),
+            &["line 2, <unit>", "above 0 m as unit, found meter=\"0\""],
+        ),
+        ("a.dae", no_unit("-1").as_bytes(), &["found meter=\"-1\""]),
+        ("a.dae", no_unit("inf").as_bytes(), &["found meter=\"inf\""]),
         ("a.stl", ascii_stl(&[[DVec3::X, DVec3::NAN, DVec3::Y]]).as_bytes(), &["a.stl"]),
         ("a.obj", b"v 1 2 x\n", &["a.obj"]),
         ("a.obj", b"v 0 0 0\nf 1 2 3\n", &["a.obj"]),
@@ -224,6 +347,9 @@ fn what_is_no_mesh_is_named_for_what_it_is() {
         }
         assert!(told.contains(&format!("mesh `{name}`")), "{told}");
     }
+    let flat = Robot::new(&[&collision("a.stl").replace("/></geo", " scale=\"1 0 1\"/></geo")]);
+    flat.file("a.stl", ascii_stl(&shape()));
+    assert!(flat.fault().contains("without a 0, found scale=\"1 0 1\""), "{}", flat.fault());
     let missing = Robot::new(&[&collision("package://my_arm/a.stl")]).fault();
     assert!(
         missing.contains("not found") && missing.contains("--package my_arm=FOLDER"),

@@ -14,8 +14,14 @@ use crate::urdf::faults_of;
 
 /// A joint that turns farther to one side is rare, and 180 is degrees [rad].
 const ANGLE_PLAUSIBLE_RAD: f64 = 6.0 * std::f64::consts::PI;
-/// A joint of an arm that turns faster is rare, and 180 is degrees [rad/s].
+/// A joint of an arm that turns as fast is rare, and 180 is degrees [rad/s].
 const SPEED_PLAUSIBLE_RAD_S: f64 = 100.0;
+/// A joint that slides farther is rare, and 500 is millimetres [m].
+const TRAVEL_PLAUSIBLE_M: f64 = 20.0;
+/// A joint of an arm that slides faster is rare, and 500 is millimetres [m/s].
+const SPEED_PLAUSIBLE_M_S: f64 = 50.0;
+/// From here on a velocity limit is no limit that anyone measured, in whatever unit.
+const SPEED_PLACEHOLDER: f64 = 1e4;
 /// Radii of gyration up to here are never remarked on [m].
 const GYRATION_PLAUSIBLE_M: f64 = 1.0;
 /// How far the largest principal moment may exceed the sum of the others: room for rounded figures.
@@ -92,17 +98,25 @@ fn position(joint: &Joint) -> Option<String> {
     if ends.iter().any(|end| end.abs() > POSITION_LIMIT_MAX) {
         return Some(format!("joint `{name}`: position limits {ends:?} are taken as none"));
     }
-    let is_far = ends.iter().any(|end| end.abs() > ANGLE_PLAUSIBLE_RAD);
-    (is_far && joint.joint_type == JointType::Revolute)
-        .then(|| format!("joint `{name}`: position limits {ends:?} look like degrees, not rad"))
+    let (plausible, like) = match joint.joint_type {
+        JointType::Revolute => (ANGLE_PLAUSIBLE_RAD, "degrees, not rad"),
+        JointType::Prismatic => (TRAVEL_PLAUSIBLE_M, "millimetres, not m"),
+        _ => return None,
+    };
+    let is_far = ends.iter().any(|end| end.abs() > plausible);
+    is_far.then(|| format!("joint `{name}`: position limits {ends:?} look like {like}"))
 }
 
 fn velocity(joint: &Joint) -> Option<String> {
-    let velocity = joint.limit.velocity.filter(|velocity| *velocity > SPEED_PLAUSIBLE_RAD_S)?;
-    (joint.joint_type != JointType::Prismatic).then(|| {
-        let name = &joint.name;
-        format!("joint `{name}`: a velocity limit of {velocity} looks like degrees/s, not rad/s")
-    })
+    let velocity = joint.limit.velocity?;
+    let is_prismatic = joint.joint_type == JointType::Prismatic;
+    let like = match (is_prismatic, velocity) {
+        (_, SPEED_PLACEHOLDER..) => "a placeholder, no limit",
+        (true, velocity) if velocity > SPEED_PLAUSIBLE_M_S => "mm/s, not m/s",
+        (false, SPEED_PLAUSIBLE_RAD_S..) => "degrees/s, not rad/s",
+        _ => return None,
+    };
+    Some(format!("joint `{}`: a velocity limit of {velocity} looks like {like}", joint.name))
 }
 
 /// What looks wrong with the masses of a link of an arm that reaches so far [m].

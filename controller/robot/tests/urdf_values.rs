@@ -290,6 +290,18 @@ fn what_looks_wrong_is_remarked_on() {
             "a velocity limit of 180 looks like degrees/s",
         ),
         (
+            "degrees_s_100",
+            ELBOW,
+            r#"<limit lower="-3" upper="3" effort="150" velocity="100"/>"#,
+            "a velocity limit of 100 looks like degrees/s",
+        ),
+        (
+            "placeholder",
+            ELBOW,
+            r#"<limit lower="-3" upper="3" effort="150" velocity="1e4"/>"#,
+            "a velocity limit of 10000 looks like a placeholder",
+        ),
+        (
             "far",
             ELBOW,
             r#"<limit lower="-1e30" upper="1e30" effort="150" velocity="3"/>"#,
@@ -299,6 +311,30 @@ fn what_looks_wrong_is_remarked_on() {
         let remarks = remarked(&format!("odd_{test}"), &[(from, to)], &ur5());
         assert!(remarks.contains(expected), "{test}: {remarks}");
     }
+    let sliding = |test: &str, limit: &str| {
+        let revolute = "<joint name=\"elbow_joint\" type=\"revolute\">";
+        let prismatic = revolute.replace("revolute", "prismatic");
+        remarked(&format!("odd_{test}"), &[(revolute, &prismatic), (ELBOW, limit)], &ur5())
+    };
+    for (limit, expected) in [
+        (
+            r#"<limit lower="0" upper="500" effort="150" velocity="3"/>"#,
+            "line 145: joint `elbow_joint`: position limits [0.0, 500.0] look like millimetres, not m",
+        ),
+        (
+            r#"<limit lower="0" upper="2" effort="150" velocity="250"/>"#,
+            "line 145: joint `elbow_joint`: a velocity limit of 250 looks like mm/s, not m/s",
+        ),
+        (
+            r#"<limit lower="0" upper="2" effort="150" velocity="20000"/>"#,
+            "a velocity limit of 20000 looks like a placeholder",
+        ),
+    ] {
+        let remarks = sliding("sliding", limit);
+        assert!(remarks.contains(expected), "{remarks}");
+    }
+    let plausible = r#"<limit lower="-20" upper="20" effort="150" velocity="50"/>"#;
+    assert_eq!(sliding("sliding_far", plausible), "");
     let far = chain(
         "odd_far",
         &[(ELBOW, r#"<limit lower="-1e30" upper="inf" effort="150" velocity="3"/>"#)],
