@@ -101,7 +101,7 @@ impl LinkMesh {
             let distance = normal.dot(to) / along;
             // What is not finite, of a triangle along the ray, is in no range.
             (s >= 0.0 && t >= 0.0 && s + t <= 1.0 && distance >= 0.0)
-                .then(|| (distance, if along > 0.0 { 1 } else { -1 }))
+                .then_some((distance, if along > 0.0 { 1 } else { -1 }))
         };
         let mut found: Vec<_> = self.mesh.bvh().leaves(is_near).filter_map(crossing).collect();
         found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

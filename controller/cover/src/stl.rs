@@ -54,7 +54,7 @@ fn ascii(bytes: &[u8]) -> Result<Vec<Triangle>, String> {
 fn binary(body: &[u8], count: usize) -> Result<Vec<Triangle>, String> {
     let there = body.len() / EACH;
     // Programs that do not know the number beforehand leave it at none or at the most.
-    let is_unknown = [0, u32::MAX as usize].contains(&count) && body.len() % EACH == 0;
+    let is_unknown = [0, u32::MAX as usize].contains(&count) && body.len().is_multiple_of(EACH);
     let count = if is_unknown { there } else { count };
     if count > there || body.len() - count * EACH > TAIL_MAX {
         return Err(format!(

@@ -146,7 +146,7 @@ fn binary_stl_is_told_by_its_size_and_never_read_in_part() {
         (plain[..plain.len() - 1].to_vec(), "found 11"),
         (headed(b"solid", 900), "found 12"),
         (headed(b"solid name\nfacet normal", 900), "found 12"),
-        (vec![plain.clone(), vec![0; 5000]].concat(), "found 112"),
+        ([plain.clone(), vec![0; 5000]].concat(), "found 112"),
     ] {
         let told = read("a.stl", &content).unwrap_err();
         let says = u32::from_le_bytes(content[80..84].try_into().unwrap());

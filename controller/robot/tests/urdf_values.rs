@@ -290,18 +290,6 @@ fn what_looks_wrong_is_remarked_on() {
             "a velocity limit of 180 looks like degrees/s",
         ),
         (
-            "degrees_s_100",
-            ELBOW,
-            r#"<limit lower="-3" upper="3" effort="150" velocity="100"/>"#,
-            "a velocity limit of 100 looks like degrees/s",
-        ),
-        (
-            "placeholder",
-            ELBOW,
-            r#"<limit lower="-3" upper="3" effort="150" velocity="1e4"/>"#,
-            "a velocity limit of 10000 looks like a placeholder",
-        ),
-        (
             "far",
             ELBOW,
             r#"<limit lower="-1e30" upper="1e30" effort="150" velocity="3"/>"#,
@@ -310,6 +298,31 @@ fn what_looks_wrong_is_remarked_on() {
     ] {
         let remarks = remarked(&format!("odd_{test}"), &[(from, to)], &ur5());
         assert!(remarks.contains(expected), "{test}: {remarks}");
+    }
+    let far = chain(
+        "odd_far",
+        &[(ELBOW, r#"<limit lower="-1e30" upper="inf" effort="150" velocity="3"/>"#)],
+        ur5(),
+    )
+    .unwrap();
+    assert_eq!(
+        (far.position_lower()[2], far.position_upper()[2]),
+        (f64::NEG_INFINITY, f64::INFINITY)
+    );
+    let given = LimitOverride { position: Some([-3.0, 3.0]), velocity: Some(3.0), effort: None };
+    let degrees = [(ELBOW, r#"<limit lower="-180" upper="180" effort="150" velocity="180"/>"#)];
+    assert_eq!(remarked("odd_given", &degrees, &limited("elbow_joint", given)), "");
+}
+
+#[test]
+fn limits_in_other_units_and_placeholders_are_remarked_on() {
+    for (velocity, expected) in [
+        ("100", "a velocity limit of 100 looks like degrees/s, not rad/s"),
+        ("1e4", "a velocity limit of 10000 looks like a placeholder, no limit"),
+    ] {
+        let limit = format!(r#"<limit lower="-3" upper="3" effort="150" velocity="{velocity}"/>"#);
+        let remarks = remarked("odd_turning", &[(ELBOW, &limit)], &ur5());
+        assert!(remarks.contains(expected), "{remarks}");
     }
     let sliding = |test: &str, limit: &str| {
         let revolute = "<joint name=\"elbow_joint\" type=\"revolute\">";
@@ -335,19 +348,6 @@ fn what_looks_wrong_is_remarked_on() {
     }
     let plausible = r#"<limit lower="-20" upper="20" effort="150" velocity="50"/>"#;
     assert_eq!(sliding("sliding_far", plausible), "");
-    let far = chain(
-        "odd_far",
-        &[(ELBOW, r#"<limit lower="-1e30" upper="inf" effort="150" velocity="3"/>"#)],
-        ur5(),
-    )
-    .unwrap();
-    assert_eq!(
-        (far.position_lower()[2], far.position_upper()[2]),
-        (f64::NEG_INFINITY, f64::INFINITY)
-    );
-    let given = LimitOverride { position: Some([-3.0, 3.0]), velocity: Some(3.0), effort: None };
-    let degrees = [(ELBOW, r#"<limit lower="-180" upper="180" effort="150" velocity="180"/>"#)];
-    assert_eq!(remarked("odd_given", &degrees, &limited("elbow_joint", given)), "");
 }
 
 #[test]
