@@ -26,7 +26,8 @@ use tprmp_files::{Existing, WriteError};
 use tprmp_model::controller_config::{self, ConfigError};
 use tprmp_model::skill_model::{self, Manifold, ModelError, SkillModel};
 use tprmp_robot::{
-    Chain, ControlPoints, Document, Interface, Selection, SelfPairs, UrdfError, spread_posture,
+    Chain, ControlPoints, Document, Interface, Selection, SelfPairs, UrdfError, remarks,
+    spread_posture,
 };
 
 use crate::freedom::Freedom;
@@ -217,6 +218,8 @@ pub fn init(options: &Options) -> Result<Initialised, InitError> {
     };
     selection.limits = limits::missing(&document, &selection, &mut notes);
     let count = document.count_joints(&selection)?;
+    let implausible = remarks(&document, &selection)?;
+    notes.extend(implausible.into_iter().map(|remark| Note::lack(remark.to_string())));
     let mount = Mount::of(&document, arm.base_link.as_deref());
     if mount.is_turned() {
         notes.push(Note::found("the base is mounted turned: gravity is turned with it".into()));
