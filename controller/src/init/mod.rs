@@ -310,11 +310,9 @@ impl<'a> WithRobot for Plan<'a> {
         self.note_uncovered(&chain, &points);
         let freedom = Freedom::of(&chain, &ends);
         self.note_freedom(&freedom);
-        let working_range = criteria.working_range(&home);
-        let within = [0, 1].map(|end| {
-            SVector::from_fn(|i, _| working_range[i].map_or(ends[end][i], |range| range[end]))
-        });
-        harmless.extend(pairs::harmless(&look, &exempt, &within));
+        let mut working_range = criteria.working_range(&home);
+        let known_pairs = (&mut exempt, &mut harmless);
+        let within = keep_apart(&look, known_pairs, &ends, &mut working_range, &home);
         let chosen = Chosen {
             harmless,
             grounded: pairs::grounded_links(&chain, &points, &all),
@@ -476,6 +474,30 @@ impl Plan<'_> {
         });
         Ok((spheres.collect(), Some(found)))
     }
+}
+
+/// Cuts the working range where links would meet, and adds what cannot meet within it to the pairs that are known.
+/// The range that is left.
+fn keep_apart<const N: usize>(
+    look: &pairs::Look<'_, N>,
+    (exempt, harmless): (&mut Vec<(String, String)>, &mut Vec<pairs::Harmless>),
+    ends: &[SVector<f64, N>; 2],
+    working_range: &mut [Option<[f64; 2]>; N],
+    home: &SVector<f64, N>,
+) -> [SVector<f64, N>; 2] {
+    let before = [0, 1].map(|end| {
+        SVector::from_fn(|i, _| working_range[i].map_or(ends[end][i], |range| range[end]))
+    });
+    harmless.extend(pairs::harmless(look, exempt, &before));
+    exempt.extend(harmless.iter().map(|pair| pair.links.clone().into()));
+    let mut within = before;
+    harmless.extend(pairs::kept_apart(look, exempt, &mut within, home));
+    for (i, range) in working_range.iter_mut().enumerate() {
+        if (0..2).any(|end| within[end][i] != before[end][i]) {
+            *range = Some([within[0][i], within[1][i]]);
+        }
+    }
+    within
 }
 
 /// The links that move with the tool.

@@ -253,7 +253,7 @@ fn working_range(plan: &Plan<'_>, chosen: &Chosen, text: &mut Text) {
     let ranges: Vec<_> = bounded
         .filter_map(|(name, range)| range.map(|[a, b]| format!("{}: ({a:?}, {b:?})", quoted(name))))
         .collect();
-    text.comment("Around the posture below: where the arm comes near a singular configuration, or a joint has turned by half a turn [rad].");
+    text.comment("Around the posture below: where the arm comes near a singular configuration, a joint has turned by half a turn, or links would meet that are not watched [rad].");
     text.list("working_range", ["{", "}"], &ranges);
 }
 
