@@ -31,6 +31,7 @@ mod mesh;
 mod packages;
 mod picture;
 mod primitives;
+mod scene;
 mod solid;
 mod spheres;
 mod stl;

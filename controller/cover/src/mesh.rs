@@ -5,11 +5,11 @@ use std::io;
 use std::path::Path;
 
 use glam::DVec3;
-use mesh_loader::Scene;
 use parry3d_f64::math::Vector;
 use parry3d_f64::transformation::try_convex_hull;
 
 use crate::collada;
+use crate::scene::of_scene;
 use crate::stl;
 use crate::triangle::{TRIANGLES_MAX, Triangle, ends, has_area};
 
@@ -155,24 +155,6 @@ fn joined(mut bytes: Vec<u8>) -> Vec<u8> {
         start = end + 1;
     }
     bytes
-}
-
-/// All triangles of a scene. Each mesh numbers its own vertices.
-pub(crate) fn of_scene(scene: io::Result<Scene>) -> Result<Vec<Triangle>, String> {
-    let mut triangles = Vec::new();
-    for mesh in scene.map_err(|error| error.to_string())?.meshes {
-        for face in &mesh.faces {
-            let corner = |index: u32| mesh.vertices.get(index as usize);
-            let [Some(a), Some(b), Some(c)] = face.map(corner) else {
-                return Err(format!(
-                    "expected one of {} vertices, found {face:?}",
-                    mesh.vertices.len()
-                ));
-            };
-            triangles.push([a, b, c].map(|&v| DVec3::from_array(v.map(f64::from))));
-        }
-    }
-    Ok(triangles)
 }
 
 /// The surface of the convex hull; `None` where the triangles have none, as those in a line.

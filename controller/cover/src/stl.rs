@@ -5,6 +5,7 @@
 
 use glam::DVec3;
 
+use crate::scene::of_scene;
 use crate::triangle::Triangle;
 
 /// Bytes before the triangles.
@@ -48,7 +49,7 @@ fn is_ascii(bytes: &[u8]) -> bool {
 
 fn ascii(bytes: &[u8]) -> Result<Vec<Triangle>, String> {
     // Its words may be in upper case.
-    crate::mesh::of_scene(mesh_loader::stl::from_slice(&bytes.to_ascii_lowercase()))
+    of_scene(mesh_loader::stl::from_slice(&bytes.to_ascii_lowercase()))
 }
 
 fn binary(body: &[u8], count: usize) -> Result<Vec<Triangle>, String> {
