@@ -31,6 +31,7 @@ VENV_FRANKA := target/venv-franka
 DENY_VERSION := 0.20.2
 DENY := target/tools/bin/cargo-deny
 BRIDGE := $(VENV)/bin/sim-bridge
+PYTEST := $(VENV)/bin/python -m pytest -q
 # Whether there is a Python for the simulator of a Franka arm, which has no packages for older ones.
 FRANKA := $(shell $(PYTHON) -c 'import sys; print("yes" if sys.version_info[:2] == (3, 11) else "")' 2>/dev/null)
 
@@ -117,7 +118,10 @@ test: test-build
 	$(CARGO) test --release --locked --workspace
 	@echo '== Python tests'
 	@$(if $(FRANKA),,echo 'the Franka arm is not tested: its simulator needs Python 3.11')
-	$(VENV)/bin/python -m pytest -q sim-bridge/tests $(if $(FRANKA),,--ignore=sim-bridge/tests/test_franka.py)
+	@# Those of the Franka arm, which wait for a robot most of the time, beside all others.
+	@$(if $(FRANKA),$(PYTEST) sim-bridge/tests/test_franka.py > target/franka.log 2>&1 & franka=$$!;) \
+	$(PYTEST) sim-bridge/tests --ignore=sim-bridge/tests/test_franka.py; code=$$?; \
+	$(if $(FRANKA),wait $$franka || code=1; cat target/franka.log;) exit $$code
 
 bench: build
 	@mkdir -p target/bench
