@@ -4,6 +4,8 @@ use glam::{DQuat, DVec3};
 use nalgebra::SVector;
 use tprmp_robot::{Chain, JointKind, Kinematics, forward_kinematics, point_position};
 
+/// From this angle on between the taught approach axis and the arm's, a transform is missing \[°\].
+pub(crate) const APART_DEG: f64 = 30.0;
 /// Directions as near to an axis of the frame as this are that axis \[rad\].
 const AXIS_ANGLE: f64 = 0.2;
 

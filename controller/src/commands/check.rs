@@ -19,9 +19,6 @@ use crate::startup::{self, Loaded, LoadedSkill, StartError, WithRobot};
 use crate::timing::realtime;
 use crate::tool_axis;
 
-/// From this angle on between the taught approach axis and the arm's, a transform is missing \[°\].
-const APPROACH_ANGLE_DEG: f64 = 30.0;
-
 /// Checks the files, which is an error when they are wrong, and the machine, which is a list of
 /// remedies.
 ///
@@ -234,7 +231,7 @@ fn approach_fault(skill: &LoadedSkill, own: DVec3, offset: Option<&ToolOffset>) 
     let taught = skill.model.motion.is_discrete().then(|| skill.model.approach_axis())??;
     let taught = tool_axis::snapped(taught);
     let angle = taught.angle_between(own).to_degrees();
-    if angle < APPROACH_ANGLE_DEG {
+    if angle < tool_axis::APART_DEG {
         return None;
     }
     let Pose { position: at, orientation } = offset.map_or(Pose::IDENTITY, ToolOffset::pose);

@@ -187,9 +187,9 @@ fn self_activation_m(cover: Option<&Cover>) -> f64 {
 pub fn init(options: &Options) -> Result<Initialised, InitError> {
     let document = Document::read(&options.urdf)?;
     let model = options.model.as_deref().map(skill_model::read).transpose()?;
-    let mut semantic = semantic_files::read(options.xrdf.as_deref(), options.srdf.as_deref())?;
     let mut notes = Vec::new();
-    semantic.check(&document, options.xrdf.as_deref().or(options.srdf.as_deref()), &mut notes)?;
+    let files = [&options.xrdf, &options.srdf].map(|file| file.as_deref());
+    let semantic = semantic_files::read(&document, files[0], files[1], &mut notes)?;
     let asked = Asked {
         base: options.base.as_deref().or(semantic.base.as_deref()),
         tool: options.tool.as_deref().or(semantic.tool.as_deref()),

@@ -45,7 +45,7 @@ pub(super) struct Semantic {
     pub(super) acceleration: BTreeMap<String, f64>,
     /// \[rad/s³ or m/s³\]
     pub(super) jerk: BTreeMap<String, f64>,
-    /// Links that must be there, with the key that names them; and joints.
+    /// Links that must be there, with the key that names them, of a file that was not yet checked.
     pub(super) needed_links: Vec<(String, String)>,
     /// What was found in the files and is not used.
     pub(super) unused: Vec<String>,
@@ -91,26 +91,26 @@ impl Semantic {
         Ok(Some(home))
     }
 
-    /// Looks for the links and joints that the files name; what is only to be ignored is left out where it is not there.
+    /// Looks for the links and joints that a file names; what is only to be ignored is left out where it is not there.
     ///
     /// # Errors
     /// All that the URDF does not have.
     pub(super) fn check(
         &mut self,
         document: &Document,
-        file: Option<&Path>,
+        file: &Path,
         notes: &mut Vec<Note>,
     ) -> Result<(), SemanticError> {
         let has_link = |name: &str| document.links.iter().any(|link| link.name == name);
         let has_joint = |name: &str| document.joints.iter().any(|joint| joint.name == name);
-        let links = self.needed_links.iter().filter(|(_, link)| !has_link(link));
-        let mut wrong: Vec<String> = links
+        let needed = self.needed_links.drain(..).filter(|(_, link)| !has_link(link));
+        let mut wrong: Vec<String> = needed
             .map(|(key, link)| format!("{key}: expected a link of the URDF, found `{link}`"))
             .collect();
         wrong.extend(self.moved.iter().filter(|name| !has_joint(name)).map(|name| {
             format!("key `cspace.joint_names`: expected joints of the URDF, found `{name}`")
         }));
-        if let (Some(file), false) = (file, wrong.is_empty()) {
+        if !wrong.is_empty() {
             let list = wrong.iter().map(|text| tprmp_files::printable(text)).collect::<Vec<_>>();
             return Err(SemanticError { file: file.to_owned(), text: list.join("; ") });
         }

@@ -2,6 +2,9 @@
 
 use std::path::Path;
 
+use tprmp_robot::Document;
+
+use crate::init::notes::Note;
 use crate::init::semantic::{Semantic, SemanticError};
 use crate::init::srdf::parse_srdf;
 use crate::init::xrdf::parse_xrdf;
@@ -13,7 +16,12 @@ const BYTES_MAX: u64 = 4 << 20;
 ///
 /// # Errors
 /// [`SemanticError`].
-pub(super) fn read(xrdf: Option<&Path>, srdf: Option<&Path>) -> Result<Semantic, SemanticError> {
+pub(super) fn read(
+    document: &Document,
+    xrdf: Option<&Path>,
+    srdf: Option<&Path>,
+    notes: &mut Vec<Note>,
+) -> Result<Semantic, SemanticError> {
     let mut semantic = Semantic::default();
     for (path, parse) in
         [(srdf, parse_srdf as fn(&str, &mut Semantic) -> Result<(), String>), (xrdf, parse_xrdf)]
@@ -27,6 +35,7 @@ pub(super) fn read(xrdf: Option<&Path>, srdf: Option<&Path>) -> Result<Semantic,
         if semantic.home_name != before {
             semantic.home_file = path.to_owned();
         }
+        semantic.check(document, path, notes)?;
     }
     Ok(semantic)
 }

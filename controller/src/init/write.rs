@@ -6,7 +6,7 @@ use crate::init::text::{
     KEEP_UPRIGHT, LIMIT_ACTIVATION, SELF_ACTIVATION, Sections, Text, numbers, rounded, tuple,
 };
 use crate::init::{Chosen, Commands, Note, Plan, Task};
-use crate::tool_axis::{named, orientation, snapped};
+use crate::tool_axis::{APART_DEG, named, orientation, snapped};
 
 /// The whole configuration, as text.
 pub(super) fn configuration(plan: &mut Plan<'_>, chosen: &Chosen) -> String {
@@ -79,7 +79,7 @@ fn tool_offset(plan: &mut Plan<'_>, chosen: &Chosen) -> (String, String) {
     };
     let angle = taught.angle_between(chosen.tool_axis).to_degrees();
     if model.tool_frame == *link {
-        if angle > 30.0 {
+        if angle > APART_DEG {
             plan.notes.push(Note::lack(format!(
                 "the model's tool comes to its goal along its {}, the arm's `{link}` points along its {}: {angle:.0}° \
                  apart; `robot.tool_offset` turns it",
